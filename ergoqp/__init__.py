@@ -7,8 +7,8 @@
 >>> step.twist.shape
 (6,)
 
-What needs CasADi or MuJoCo is imported when it is first used; so are the package's folders, such as
-`ergoqp.limits`.
+Everything that needs CasADi or MuJoCo is imported at its first use. The same holds for the
+folders of the package, such as `ergoqp.limits`.
 """
 
 from importlib import import_module
@@ -59,7 +59,7 @@ _LATER = {
 }
 
 _EXTRAS = {"whole_body": "mink"}
-"""Folders that cannot be imported without the package of an extra."""
+"""Folders that can only be imported if a package is installed, by folder; an extra installs it."""
 
 __all__ = [
     "JOINTS",
@@ -86,7 +86,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is used for the first time."""
+    """Import a name at its first use."""
     if name in _LATER:
         value = getattr(import_module(_LATER[name]), name)
     elif name == "reba":
@@ -104,10 +104,11 @@ def _folders() -> set[str]:
 
 
 def __dir__() -> list[str]:
-    """List the public names, those not imported yet included.
+    """List the public names, including those that are not imported yet.
 
-    What `help` and `inspect.getmembers` find here they import: a folder whose extra is missing,
-    which says so when it is asked for, is left out.
+    `help` and `inspect.getmembers` import every name that is listed here. So a folder whose
+    extra is not installed is left out: its import would fail with the message that names the
+    extra.
     """
     missing = {folder for folder, package in _EXTRAS.items() if find_spec(package) is None}
     return sorted({*globals(), *__all__, *_folders()} - missing)

@@ -1,6 +1,6 @@
-"""The judgement of what users hand to the package's own functions.
+"""Checks of the arguments that users give to functions of the package.
 
-It gives one sentence for what is of another kind or range.
+Every check raises an error of one sentence if the value has the wrong type or is out of range.
 """
 
 from __future__ import annotations
@@ -17,24 +17,22 @@ import numpy as np
 from ergoqp.errors import ErgoqpError, InputError
 
 MOST_WHOLE: Final = 2**63 - 1
-"""Largest whole number that arrays and seeds take."""
+"""Largest whole number that arrays and seeds accept."""
 
 _FEW: Final = 6
-"""Arrays of more entries are told by their shape."""
+"""Messages show the shape of an array with more entries than this, not its values."""
 
 LARGEST_SEED: Final = 2**32 - 1
-"""Largest seed of what is learned: scikit-learn takes no more."""
+"""Largest seed of learning functions, the limit of scikit-learn."""
 
 
 def shown(value: Any, most: int = 40) -> str:
-    """Return a value as a message shows it: short, and never an exception of its own."""
+    """Return a value as text for a message: short, and without ever raising an exception."""
     try:
         if isinstance(value, np.ndarray) and value.size > _FEW:
             return f"an array of {value.dtype} of shape {value.shape}"
         return f"{value!r:.{most}}"
-    except (
-        Exception
-    ):  # a number of thousands of digits, or whatever a user's object does when it is shown
+    except Exception:  # an int with thousands of digits, or an object whose repr raises
         return f"a {type(value).__name__} that cannot be shown"
 
 
@@ -49,15 +47,15 @@ def check_number(
     """Check a real number.
 
     Args:
-        what: it is, for the message.
-        value: anything.
-        low: least allowed.
-        high: greatest allowed.
-        unit: for the message.
-        error: to raise.
+        what: name of the value, for the message.
+        value: the value, of any type.
+        low: least allowed value.
+        high: greatest allowed value.
+        unit: unit, for the message.
+        error: type of the error to raise.
 
     Raises:
-        ErgoqpError: `error`, if it is not a number from `low` to `high`.
+        ErgoqpError: `error`, if the value is not a number from `low` to `high`.
     """
     if not (_is_real(value) and low <= value <= high):
         end, kind = f" {unit}" if unit else "", "" if _is_real(value) else "a number from "
@@ -68,10 +66,10 @@ def check_number(
 
 
 def check_real(what: str, value: Any, unit: str, error: type[ErgoqpError] = InputError) -> None:
-    """Check that something is a real number; its range is judged where its meaning is known.
+    """Check that a value is a real number. The range is checked where its meaning is known.
 
     Raises:
-        ErgoqpError: `error`, if it is none.
+        ErgoqpError: `error`, if it is not a real number.
     """
     if not _is_real(value):
         raise error(f"{what}: got {shown(value)}, allowed a number of {unit}")
@@ -83,7 +81,7 @@ def check_whole(
     """Check a whole number.
 
     Raises:
-        ErgoqpError: `error`, if it is none, or is not from `least` to `most`.
+        ErgoqpError: `error`, if it is not a whole number from `least` to `most`.
     """
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not (whole and least <= int(value) <= most):
@@ -99,7 +97,7 @@ def check_whole(
 def check_word(
     what: str, value: Any, words: Iterable[str], error: type[ErgoqpError] = InputError
 ) -> None:
-    """Check that something is one of some words.
+    """Check that a value is one of the given words.
 
     Raises:
         ErgoqpError: `error`, if it is none of them.
@@ -112,10 +110,11 @@ def check_word(
 def numbers_of(
     what: str, values: Any, low: float, high: float, error: type[ErgoqpError] = InputError
 ) -> tuple[float, ...]:
-    """Return a list of one number or more.
+    """Return a list of one or more numbers as a tuple.
 
     Raises:
-        ErgoqpError: `error`, if it is none, or one of them is not from `low` to `high`.
+        ErgoqpError: `error`, if it is not such a list, or a number is not from `low` to
+            `high`.
     """
     if (
         isinstance(values, (str, bytes, Mapping))
@@ -131,7 +130,7 @@ def numbers_of(
 
 
 def unmasked(value: Any) -> np.ndarray:
-    """Return an array; what a mask hides is not a number, nobody knows what is below it."""
+    """Return an array. Masked entries become NaN, because the value below a mask is unknown."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
         return np.ma.filled(value.astype(float), np.nan)
     return np.asarray(value)
@@ -141,13 +140,13 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
     """Return finite numbers as an array of a shape.
 
     Args:
-        what: it is, for the message.
-        value: anything.
-        shape: that it must have.
-        allowed: in words.
+        what: name of the value, for the message.
+        value: the value, of any type.
+        shape: required shape.
+        allowed: what is allowed, in words.
 
     Raises:
-        InputError: if it is not that.
+        InputError: if the value is not an array of finite numbers of that shape.
     """
     found = shown(value)
     try:
@@ -158,7 +157,7 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
                 return numbers
             if array.size > _FEW:
                 found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
-    except Exception:  # not an array, whatever it is
+    except Exception:  # not an array
         pass
     raise InputError(f"{what}: got {found}, allowed {allowed}")
 
@@ -170,17 +169,17 @@ def check_kind(
     allowed: str,
     error: type[ErgoqpError] = InputError,
 ) -> None:
-    """Check what something is.
+    """Check the type of a value.
 
     Args:
-        what: it is, for the message.
-        value: anything.
+        what: name of the value, for the message.
+        value: the value, of any type.
         kind: one or several types.
-        allowed: in words.
-        error: to raise.
+        allowed: what is allowed, in words.
+        error: type of the error to raise.
 
     Raises:
-        ErgoqpError: `error`, if it is none of that kind.
+        ErgoqpError: `error`, if the value has none of these types.
     """
     if not isinstance(value, kind):
         raise error(f"{what}: got {shown(value)}, allowed {allowed}")
@@ -201,10 +200,10 @@ def check_text(what: str, value: Any, error: type[ErgoqpError] = InputError) -> 
 
 
 def flag(what: str, value: Any, error: type[ErgoqpError] = InputError) -> bool:
-    """Return a yes or no, also as NumPy has it, or as 0 and 1.
+    """Return True or False. NumPy booleans, 0 and 1 are accepted too.
 
     Raises:
-        ErgoqpError: `error`, if it is none.
+        ErgoqpError: `error`, if the value is none of these.
     """
     if isinstance(value, (bool, np.bool_)) or (
         isinstance(value, (int, np.integer)) and value in (0, 1)
@@ -216,14 +215,14 @@ def flag(what: str, value: Any, error: type[ErgoqpError] = InputError) -> bool:
 def names_of(
     what: str, values: Any, allowed: str, error: type[ErgoqpError] = InputError
 ) -> tuple[str, ...]:
-    """Return names from a list, a tuple, an array or anything else that can be gone through.
+    """Return names from a list, a tuple, an array or any other iterable.
 
     Raises:
-        ErgoqpError: `error`, if one of them is no text, or there are none.
+        ErgoqpError: `error`, if one of them is not a string, or there are none.
     """
     try:
         names = () if isinstance(values, (str, bytes, Mapping)) else tuple(values)
-    except Exception:  # nothing that can be gone through
+    except Exception:  # not an iterable
         names = ()
     if not names or not all(isinstance(name, str) for name in names):
         raise error(f"{what}: got {shown(values)}, allowed {allowed}")
@@ -234,7 +233,7 @@ def path_of(what: str, value: Any, error: type[ErgoqpError] = InputError) -> Pat
     """Return the path of a file or folder.
 
     Raises:
-        ErgoqpError: `error`, if it is not one.
+        ErgoqpError: `error`, if it is not a path.
     """
     if not isinstance(value, (str, PathLike)) or not str(value) or "\0" in str(value):
         raise error(f"{what}: got {shown(value)}, allowed a path")
@@ -242,16 +241,16 @@ def path_of(what: str, value: Any, error: type[ErgoqpError] = InputError) -> Pat
 
 
 def table_of_numbers(what: str, values: Any, error: type[ErgoqpError] = InputError) -> np.ndarray:
-    """Return numbers of any shape as an array; what a mask hides is NaN.
+    """Return numbers of any shape as an array of float. Masked entries become NaN.
 
     Raises:
-        ErgoqpError: `error`, if they are texts, complex or no numbers at all.
+        ErgoqpError: `error`, if they are strings, complex or no numbers at all.
     """
     try:
         array = unmasked(values)
         if array.dtype.kind in "biuf":
             return array.astype(float)
-    except Exception:  # not an array, whatever it is
+    except Exception:  # not an array
         pass
     raise error(f"{what}: got {shown(values)}, allowed real numbers")
 
@@ -267,10 +266,10 @@ def check_called(what: str, value: Any, allowed: str) -> None:
 
 
 def sentences(what: str, values: Any) -> tuple[str, ...]:
-    """Return texts, one of each entry.
+    """Return a list of texts as a tuple.
 
     Raises:
-        InputError: if it is no list of texts.
+        InputError: if it is not a list of texts.
     """
     texts = as_tuple(what, values)
     for text in texts:
@@ -279,10 +278,10 @@ def sentences(what: str, values: Any) -> tuple[str, ...]:
 
 
 def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the entries of anything that can be gone through; a text and a table are none of many.
+    """Return the entries of an iterable as a tuple. Strings and mappings are not accepted.
 
     Raises:
-        InputError: if it cannot.
+        InputError: if it is not an iterable, or a string or a mapping.
     """
     try:
         if not isinstance(values, (str, bytes, Mapping)):
@@ -293,5 +292,5 @@ def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether it is a number for float arithmetic: of Python or NumPy, and no fraction."""
+    """Return whether a value is a Python or NumPy number for float arithmetic."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

@@ -37,20 +37,21 @@ REPORT_JOINTS: Final[tuple[str, ...]] = (
 
 
 SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, "right_knee_flexion", "left_knee_flexion")
-"""The 22 joints that the sheet reads: those of the report and the rotation of both shoulders."""
+"""The 22 joints that the sheet reads: those of the report, and the rotation of both shoulders."""
 
 
 class Coordinates:
-    """Names of the inputs of a model, and where they are in a state.
+    """Names of the inputs of a model, and their positions in a state.
 
-    A model of joints reads them from the 32 of a posture, whichever they are; any other names are
-    the state itself.
+    If the names are joints, in any number and order, the state is a posture (32,). With any
+    other names the state consists of exactly these inputs.
 
     Args:
-        names: of the inputs, each once.
+        names: names of the inputs, each once.
 
     Raises:
-        InputError: if there is none, or one twice, or joints are mixed with other names.
+        InputError: if there are no names, a name occurs twice, or joints are mixed with other
+            names.
 
     Example:
         >>> import numpy as np
@@ -78,7 +79,7 @@ class Coordinates:
         self.state = JOINTS if known else self.names
 
     def __len__(self) -> int:
-        """Count the inputs."""
+        """Return the number of inputs."""
         return len(self.names)
 
     @cached_property
@@ -102,7 +103,7 @@ class Coordinates:
         """Return the inputs (n, d) from states (n, N), or (N,) for one.
 
         Raises:
-            InputError: for another number of entries.
+            InputError: if the number of entries is wrong.
         """
         rows = np.atleast_2d(np.asarray(states, dtype=float))
         if rows.ndim != 2 or rows.shape[1] != len(self.state):
@@ -115,7 +116,7 @@ class Coordinates:
         return rows[:, self.indices]
 
     def spread(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return states (n, N) from inputs (n, d); what is no input is zero."""
+        """Return states (n, N) from inputs (n, d). All other entries are zero."""
         rows = np.atleast_2d(np.asarray(points, dtype=float))
         states = np.zeros((len(rows), len(self.state)))
         states[:, self.indices] = rows

@@ -1,4 +1,4 @@
-"""What can be wrong with user input: one sentence each, saying what, where, got and allowed."""
+"""Errors in user input. Each message names the value, what was given and what is allowed."""
 
 import json
 import shlex
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class ErgoqpError(Exception):
-    """Root of the package's own errors; its text is one sentence for the user.
+    """Base class of the package's own errors. The text is one sentence for the user.
 
     On the command line the exit status is 2.
 
@@ -22,7 +22,7 @@ class ErgoqpError(Exception):
 
 
 class InputError(ErgoqpError, ValueError):
-    """A value of the user's is not usable: wrong shape, unit, name or range.
+    """A value from the user cannot be used: wrong shape, unit, name or range.
 
     Example:
         >>> from ergoqp.errors import InputError
@@ -36,7 +36,7 @@ class InputError(ErgoqpError, ValueError):
 
 
 class OutOfReachError(InputError):
-    """The person of a problem can be at rest at none of the places that were tried.
+    """The person of a problem has no rest at any of the places that were tried.
 
     Example:
         >>> from ergoqp.errors import InputError, OutOfReachError
@@ -46,9 +46,9 @@ class OutOfReachError(InputError):
 
 
 class WorkersError(ErgoqpError):
-    """The processes that were to solve the starts are gone.
+    """The worker processes that should have solved the starts are gone.
 
-    What they finished is in the ledger, where there is one.
+    Starts that were finished before are in the ledger, if there is one.
 
     Example:
         >>> from ergoqp.errors import ErgoqpError, WorkersError
@@ -58,7 +58,7 @@ class WorkersError(ErgoqpError):
 
 
 class RecordingError(ErgoqpError):
-    """A motion-capture file cannot be read as what it claims to be.
+    """A motion-capture file cannot be read, or does not have the format that it claims.
 
     Example:
         >>> import ergoqp
@@ -71,11 +71,11 @@ class RecordingError(ErgoqpError):
 
 
 class UnknownNamesError(RecordingError):
-    """The joints or markers of a recording are of no known naming.
+    """The joints or markers of a recording follow no known naming scheme.
 
     Args:
-        words: the sentence.
-        names: of the joints or markers, as the recording has them.
+        words: the message.
+        names: names of the joints or markers in the recording.
 
     Example:
         >>> import ergoqp
@@ -89,13 +89,13 @@ class UnknownNamesError(RecordingError):
     """
 
     def __init__(self, words: str, names: tuple[str, ...]) -> None:
-        """Keep the names for whoever writes a mapping file."""
+        """Keep the names, so that a mapping file can be written from them."""
         super().__init__(words)
         self.names = names
 
 
 class ProblemError(ErgoqpError, ValueError):
-    """A problem is not well posed: unknown or contradictory terms; lists every mistake found.
+    """A problem is not well posed: it has unknown or contradictory terms. All mistakes are listed.
 
     Example:
         >>> import ergoqp
@@ -108,7 +108,7 @@ class ProblemError(ErgoqpError, ValueError):
 
 
 class MissingExtraError(ErgoqpError, ImportError):
-    """An optional dependency is needed and absent.
+    """An optional dependency is needed but not installed.
 
     Args:
         what: what needs it, for example ``"the report page"``.
@@ -129,9 +129,9 @@ class MissingExtraError(ErgoqpError, ImportError):
 
 
 class ModelError(ErgoqpError):
-    """A learned model cannot be fitted from this data, or its file is not one.
+    """A learned model cannot be fitted to the data, or a file does not hold a valid model.
 
-    Such a file is cut, changed or of another kind.
+    Such a file is truncated, changed or of another kind.
 
     Example:
         >>> import ergoqp
@@ -144,21 +144,21 @@ class ModelError(ErgoqpError):
 
 
 def in_words(error: BaseException) -> str:
-    """Return what code of the user's raised, in a few words: its kind and what it says."""
+    """Return an exception that user code raised in a few words: its type and its message."""
     return f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
 
 
 def install_command(extra: str) -> str:
-    """Return the command that adds an extra to this installation.
+    """Return the command that installs an extra into this installation.
 
     Args:
         extra: its name in pyproject.toml.
 
     Returns:
-        The command for the interpreter that runs, and for the checkout that the package was
-        installed from, where it is still there, else for an index.
+        The command, for the running interpreter. It installs from the checkout that the
+        package was installed from if that still exists, else from a package index.
     """
-    # Only who lacks something waits for these.
+    # Imported here because only this rare function needs them.
     from importlib.metadata import PackageNotFoundError, distribution
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
@@ -170,9 +170,10 @@ def install_command(extra: str) -> str:
     source, option = "ergoqp", ""
     if "dir_info" in origin:
         folder = url2pathname(urlsplit(origin["url"]).path)
-        # What others built and packed again, as conda does, names a folder of theirs.
+        # In a package that was built elsewhere, for example by conda, this folder does not
+        # exist.
         if Path(folder).is_dir():
             source, option = folder, "-e " if origin["dir_info"].get("editable") else ""
-    # Of several interpreters it is the running one that lacks it.
+    # The extra is missing in the running interpreter, which may be one of several.
     python = shlex.quote(sys.executable or "python")
     return f"{python} -m pip install {option}{shlex.quote(f'{source}[{extra}]')}"

@@ -1,15 +1,16 @@
 """The 32 joints of the person: names, order, ranges and signs.
 
-They are the floor that every other room stands on.
+All other modules of the package may use this one.
 
-Zero is upright with hanging arms and palms to the thighs. Positive is flexion, bending and twisting
-to the left, abduction, inward rotation, pronation and ulnar deviation; the two sides of the body
-share signs (anatomical, not geometric). Hinges are intrinsic rotations in the order listed, the
-first one proximal.
+Zero is upright with hanging arms and palms to the thighs. Positive is flexion, bending and
+twisting to the left, abduction, inward rotation, pronation and ulnar deviation. The two sides
+of the body share signs (anatomical, not geometric). Hinges are intrinsic rotations in the
+order listed. The first one is proximal.
 
-Ranges are a box of active ranges of motion: AAOS and five adult studies as tabulated in F.A. Davis,
-appendix A.1, rounded to what healthy adults reach; trunk values are for the whole spine including
-the pelvis, which is upright by definition, so a stoop from the hips counts as trunk flexion.
+Ranges are a box of active ranges of motion: AAOS and five adult studies as tabulated in F.A.
+Davis, appendix A.1, rounded to what healthy adults reach. Trunk values are for the whole spine
+including the pelvis. The pelvis is upright by definition, so a stoop from the hips counts as
+trunk flexion.
 """
 
 from __future__ import annotations
@@ -81,5 +82,5 @@ UPPER.setflags(write=False)
 
 
 def spoken(joint: str) -> str:
-    """Return a joint's name as a person would say it, for example ``"left elbow flexion"``."""
+    """Return the name of a joint with spaces, for example ``"left elbow flexion"``."""
     return joint.replace("_", " ")

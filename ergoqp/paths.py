@@ -1,4 +1,4 @@
-"""Where folders are: the data that came with the package, and the user's cache."""
+"""Paths of folders: the data that come with the package, and the user's cache."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def data_folder(name: str) -> Path:
-    """Return the folder ``models`` or ``problems`` that came with this installation.
+    """Return the folder ``models`` or ``problems`` of this installation.
 
-    It is inside the package (a wheel), else beside it (a checkout or an editable install).
+    It is inside the package (a wheel), or else beside it (a checkout or an editable install).
 
     Args:
         name: ``"models"`` or ``"problems"``.
 
     Raises:
-        ErgoqpError: if neither place holds it, which means a broken installation.
+        ErgoqpError: if it is in neither place. The installation is then broken.
     """
     for parent in (_PACKAGE, _PACKAGE.parent):
         folder = parent / name

@@ -1,17 +1,17 @@
-"""What long work calls to say how far it is."""
+"""Progress callbacks of long computations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[float], None]
-"""Is called with the share that is done, from 0 to 1."""
+"""Called with the share that is done, from 0 to 1."""
 
 
 def unseen(share: float) -> None:
-    """Let nobody see how far it is."""
+    """Ignore the progress."""
 
 
 def part_of(progress: Progress, begin: float, end: float) -> Progress:
-    """Return the progress of a part of the work, which begins and ends at these shares of it."""
+    """Return the progress callback of a part of the work, between two shares of the whole."""
     return lambda share: progress(begin + (end - begin) * share)

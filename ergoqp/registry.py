@@ -1,8 +1,8 @@
-"""Terms of the user's own, by the names that problem files and commands call them.
+"""The user's own terms, by the names that problem files and commands use.
 
-A package registers them as entry points, one group per kind, and they are imported when somebody
-names them, not before. `examples/own_terms` is such a package. A name means one thing: what two
-packages register, or ergoqp itself has, is refused when somebody names it.
+A package registers terms as entry points, with one group per kind. A term is imported only
+when it is named. `examples/own_terms` is such a package. A name must be unique: a name that
+two packages register, or that ergoqp itself has, is refused when it is used.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ GROUPS: Final = {
 
 
 def registered(kind: str) -> tuple[str, ...]:
-    """Return the names of the terms of a kind that installed packages register."""
+    """Return the names of all terms of a kind that installed packages register."""
     return tuple(sorted({_name(kind, each) for each in entry_points(group=GROUPS[kind])}))
 
 
 def check_free(kind: str, names: Iterable[str]) -> None:
-    """Check that no installed package registers a name that ergoqp has itself.
+    """Check that no installed package registers one of ergoqp's own names.
 
     Args:
-        kind: of the terms.
-        names: of the package's own terms that are wanted.
+        kind: kind of the terms.
+        names: names of the package's own terms that are used.
 
     Raises:
-        InputError: if one does, with the distribution's name.
+        InputError: if one is registered. The message names the distribution.
     """
     for name in sorted(set(names) & set(registered(kind))):
         raise InputError(
@@ -46,7 +46,7 @@ def check_free(kind: str, names: Iterable[str]) -> None:
 
 
 def own_term(kind: str, name: str) -> Any:
-    """Import what is registered under a name.
+    """Import the term that is registered under a name.
 
     Raises:
         InputError: if it cannot be imported, or two packages register it.
@@ -59,7 +59,7 @@ def own_term(kind: str, name: str) -> Any:
         )
     try:
         return found.load()
-    except Exception as error:  # whatever the user's package does when it is imported
+    except Exception as error:  # the import runs the user's code, which may raise anything
         raise InputError(
             f"{kind} {name}: got {in_words(error)} from {found.value}, allowed an"
             f" entry point of {GROUPS[kind]} that can be imported"
@@ -71,7 +71,7 @@ def _found(kind: str, name: str) -> list[EntryPoint]:
 
 
 def _name(kind: str, point: EntryPoint) -> str:
-    """Return what a term is called by: readers go by the endings of files, which have no case."""
+    """Return the name of a term. For readers it is a file ending, which is not case sensitive."""
     return point.name.lower().removeprefix(".") if kind == "reader" else point.name
 
 

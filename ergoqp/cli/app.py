@@ -1,4 +1,4 @@
-"""The application that the commands register at, and the options that they share."""
+"""The application at which the commands register, and the options that they share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 
 class Up(StrEnum):
-    """Vertical axes that a recording can have."""
+    """Possible vertical axes of a recording."""
 
     x = "x"
     y = "y"
@@ -28,7 +28,7 @@ class UpperArm(StrEnum):
 
 
 class Side(StrEnum):
-    """Which arm an option is about."""
+    """The arm that an option refers to."""
 
     right = "right"
     left = "left"
@@ -148,7 +148,7 @@ def out_option(*folders: str) -> Any:
     """Return the option ``--out`` of a command.
 
     Args:
-        folders: names of the folders in ``ergoqp-out`` that take its place if it is not given.
+        folders: names of the default folders in ``ergoqp-out``.
     """
     default = "ergoqp-out/" + ", ".join(folders)
     return typer.Option(
@@ -157,12 +157,12 @@ def out_option(*folders: str) -> Any:
 
 
 def folder_of(text: str) -> Path:
-    """Return the folder of a text; an empty one would be the current folder without a word."""
+    """Return the folder of a text, but refuse an empty one, which would be the current folder."""
     if not text:
         raise typer.BadParameter("got an empty text, allowed a folder")
     return Path(text)
 
 
 def pair(side: Side | None) -> tuple[bool, bool]:
-    """Return whether the right and whether the left arm is meant."""
+    """Return whether the right and whether the left arm is selected."""
     return side in (Side.right, Side.both), side in (Side.left, Side.both)

@@ -1,4 +1,4 @@
-"""The command ``ergoqp``: its commands, and what becomes of mistakes and faults."""
+"""The command ``ergoqp``: its subcommands, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-# Imported for what they register.
+# The imports register the commands.
 from ergoqp._version import __version__
 from ergoqp.cli import person, places, tools  # noqa: F401
 from ergoqp.cli.app import app
@@ -20,7 +20,7 @@ from ergoqp.errors import ErgoqpError
 DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses."""
 
-# Lines after \b stay as they are, down to the next empty one.
+# Lines after \b are not rewrapped, down to the next empty line.
 _ABOUT = """Move the object so that the person's posture gets better.
 
 \b
@@ -60,7 +60,7 @@ def _root(
 def execute(arguments: Sequence[str]) -> int:
     """Run a command line (without the program's name) and return the exit status.
 
-    Mistakes and faults go to standard error.
+    Error messages go to standard error.
     """
     try:
         status = app(args=list(arguments), prog_name="ergoqp", standalone_mode=False)
@@ -69,13 +69,13 @@ def execute(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Who reads has gone, for example `| head`: nothing more to say, and nothing to flush at the
-        # end.
+        # The reader has closed the pipe, for example `| head`, so there is nothing to flush at
+        # the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAULT
     except Exception as error:
-        # A usage error of the command line's own library, whichever version of it carries the
-        # class.
+        # A usage error of the command-line library, whose class depends on the library's
+        # version.
         if hasattr(error, "format_message"):
             message: str = error.format_message()  # type: ignore[attr-defined]
             words = _with_got(" ".join(message.split()), error, arguments)
@@ -93,7 +93,7 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _with_got(words: str, error: Exception, arguments: Sequence[str]) -> str:
-    """Return the words of a usage error with what was found, where its library does not tell."""
+    """Return the text of a usage error with the given value, if the library does not name it."""
     options = getattr(getattr(error, "param", None), "opts", ())
     given = [*arguments, ""]
     for option in options:
@@ -118,6 +118,6 @@ def _complain(words: str, status: int) -> int:
 def main() -> None:
     """Run the command line of this process."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal or pipe that cannot show a letter gets its code, not an error.
+        # If a terminal or pipe cannot show a character, print its code instead of failing.
         sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(execute(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""The commands about one person's motion: run, score."""
+"""The commands on the motion of one person: run, score."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands that look for the object's best place: optimise, group, population."""
+"""The commands that search for the best place of the object: optimise, group, population."""
 
 from __future__ import annotations
 

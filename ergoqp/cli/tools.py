@@ -1,4 +1,4 @@
-"""The commands about the method itself: fit, compare, export."""
+"""The commands on the method itself: fit, compare, export."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Examples:
 
 
 class Joints(StrEnum):
-    """Which joints drawn postures have."""
+    """The joints of drawn postures."""
 
     report = "report"
     scored = "scored"

@@ -1,1 +1,1 @@
-"""Ergonomic costs V(q), one file per surrogate."""
+"""Ergonomic costs V(q), one file per kind of cost."""

@@ -1,4 +1,4 @@
-"""What every ergonomic cost offers: an expression for the controller, numbers for everyone else."""
+"""The interface of an ergonomic cost: an expression for the controller, numbers for other code."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 @runtime_checkable
 class Cost(Protocol):
-    """V(q): how bad a posture is, in REBA points, as a function that can be differentiated.
+    """Ergonomic cost V(q) of a posture, in REBA points, as a differentiable function.
 
-    A cost is written once, as a CasADi expression. The controller takes its gradient exactly, by
-    algorithmic differentiation, and the numeric call evaluates the very same expression, so the two
-    cannot drift apart. To add a cost, write one class with these four members; nothing needs to be
-    inherited.
+    A cost is a CasADi expression. The controller takes its exact gradient by algorithmic
+    differentiation. The numeric call must give the same values as the expression. To add a
+    cost, write one class with these four members. It does not have to inherit from this one.
 
-    A quadratic cost, for example, around a comfortable posture ``q0`` with weights ``w``, both
-    shape (32,)::
+    An example is a quadratic cost around a comfortable posture ``q0`` with weights ``w``, both
+    of shape (32,)::
 
         class Quadratic:
             name = "quadratic"
@@ -55,7 +54,7 @@ class Cost(Protocol):
     def minimum(self) -> float:
         """V_min: no posture costs less [points].
 
-        The step models V - V_min by Gauss-Newton, which needs it not negative.
+        The step uses a Gauss-Newton model of V - V_min, which must not be negative.
         """
         ...
 

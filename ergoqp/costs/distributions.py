@@ -1,9 +1,10 @@
-"""Scores that are not certain: the algebra of a sheet on probabilities instead of numbers.
+"""Distributions of scores: the operations of a sheet on probabilities instead of numbers.
 
-A distribution maps each possible score to the symbolic probability of it. The joints' noises are
-independent and every joint is read once, so all of this is exact: adding points shifts probability,
-a clamp lumps it, "or" is one minus the product of the opposites, the worse of two multiplies their
-cumulative probabilities, a table sends the product of its axes to its cells.
+A distribution maps each possible score to its symbolic probability. The noises of the joints
+are independent and every joint is read once, so all operations are exact. Adding points shifts
+the probabilities. A clamp sums those beyond its ends. "Or" is one minus the product of the
+complements. The worse of two scores multiplies the cumulative probabilities. A table maps the
+product of its axes to its cells.
 """
 
 from __future__ import annotations
@@ -20,35 +21,34 @@ import numpy as np
 from ergoqp.sheets.description import StepFunction
 
 _WIDEST: Final = 9.0
-"""Up to this angle the exponential form has a gradient [rad].
+"""Largest angle at which the exponential form has a gradient [rad].
 
-Angles beyond a third of it are refused.
+Angles beyond about a third of it are refused elsewhere.
 """
 
 _LARGEST_EXPONENT: Final = 700.0
-"""Of a number in double precision, of e."""
+"""Largest exponent of e in double precision."""
 
 Distribution = dict[int, ca.SX]
-"""Probability of each possible score, ascending; the probabilities add up to one."""
+"""Probability of each possible score, in ascending order; the sum of the probabilities is one."""
 
 
 def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     """Return P(x + tau eta > edge) for a logistic eta with P(eta < z) = (1 + tanh z) / 2.
 
-    Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the
-    noise (the scale parameter of the same logistic law is tau / 2).
+    The standard deviation of eta is pi / sqrt(12) = 0.91, so tau is nearly the standard
+    deviation of the noise. The scale parameter of the logistic distribution is tau / 2.
     """
     if isinstance(tau, ca.SX) or 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
-        # The tanh form cannot overflow, and may be of any scale.
+        # The tanh form cannot overflow at any scale.
         return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
-    # All edges of a joint share one exponential, which is found to be the same when the whole
-    # expression is simplified.
+    # All edges of a joint share one exponential. Simplifying the whole expression merges it.
     scale = math.exp(-2 * edge / tau)
     return scale / (scale + ca.exp(x * (-2 / tau)))
 
 
 def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
-    """Return the distribution of a step's score when its joint has noise of scale tau.
+    """Return the distribution of a step function's score if its joint has noise of scale tau.
 
     Args:
         step: the bands.
@@ -57,7 +57,7 @@ def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
     """
     beyond = [1, *(past(x, edge, tau) for edge in step.edges), 0]
     if len(set(step.scores)) == 2:
-        # Two scores: the first band's complement spares half the operations ("twisted" or not).
+        # With two scores ("twisted" or not), the complement of one saves half the operations.
         inner = step.scores[1]
         (outer,) = set(step.scores) - {inner}
         chance = _sum(
@@ -71,7 +71,7 @@ def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
 
 
 def certain(score: int) -> Distribution:
-    """Return the distribution of a score that is known."""
+    """Return the distribution of a known score."""
     return {score: ca.SX(1)}
 
 
@@ -134,7 +134,7 @@ def through_table(cells: np.ndarray, axes: Sequence[Distribution]) -> Distributi
     ]
     found: dict[int, list[ca.SX]] = defaultdict(list)
     for k, chance in last.items():
-        # Collect before multiplying: one product per cell value instead of one per cell.
+        # Sum before multiplying: one product per cell value instead of one per cell.
         by_value: dict[int, list[ca.SX]] = defaultdict(list)
         for combo, weight in outer:
             by_value[int(cells[(*(score - 1 for score in combo), k - 1)])].append(weight)
@@ -156,8 +156,8 @@ def expectation(cells: np.ndarray, rows: Distribution, columns: Distribution) ->
     total = ca.SX(0)
     for row, chance in rows.items():
         along = [int(cells[row - 1, k - 1]) for k in order]
-        # A row of a score table rises by 0 or 1 from cell to cell: sums of few survival
-        # probabilities, no products.
+        # A row of a score table rises by 0 or 1 from cell to cell. So its mean is a sum of few
+        # survival probabilities, without products.
         rises = (
             float(b - a) * p for a, b, p in zip(along, along[1:], above, strict=False) if b != a
         )

@@ -1,10 +1,11 @@
-"""Any fitted scikit-learn regressor as a cost: parts read, prediction rewritten as an expression.
+"""A fitted scikit-learn regressor as a cost: its parts are read, its prediction is an expression.
 
-What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF,
-Matern or rational quadratic, with or without white noise), MLPRegressor, GaussianMixture (as
-regression: its last column is the score) or OneClassSVM (the cost is minus its decision function:
-lower is further inside); also inside a TransformedTargetRegressor that scales the score. The
-estimator itself is not kept: nothing is ever unpickled.
+These can be read: scalers, followed by SVR, KernelRidge, GaussianProcessRegressor (constant
+times RBF, Matern or rational quadratic, with or without white noise), MLPRegressor,
+GaussianMixture (as regression: its last column is the score) or OneClassSVM (the cost is minus
+its decision function: lower is further inside). They may also be inside a
+TransformedTargetRegressor that scales the score. The estimator itself is not kept, and nothing
+is ever unpickled.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ ACTIVATIONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
     "tanh": lambda z, lib: lib.tanh(z),
     "relu": lambda z, lib: lib.fmax(z, 0),
 }
-"""Of MLPRegressor's hidden layers, in numpy or CasADi."""
+"""Activations of the hidden layers of MLPRegressor, in numpy or CasADi."""
 
 _ALLOWED: Final = (
     "SVR, KernelRidge, GaussianProcessRegressor, MLPRegressor, GaussianMixture, OneClassSVM"
@@ -39,13 +40,13 @@ _ALLOWED: Final = (
 
 
 class SklearnCost(LearnedCost):
-    """V(q) that an estimator of scikit-learn predicts; made by `from_sklearn`.
+    """V(q) as predicted by an estimator of scikit-learn, made by `from_sklearn`.
 
     Attributes:
         model: a sum of kernels, or a network.
         coordinates: names of the inputs.
-        minimum: V_min, no posture is meant to cost less [points].
-        reduction: how a reduced set of kernels differs from the full one; None for a full one.
+        minimum: V_min, the lowest cost that a posture should have [points].
+        reduction: how a reduced set of kernels differs from the full one; None for a full set.
 
     Example:
         >>> import numpy as np
@@ -71,7 +72,7 @@ class SklearnCost(LearnedCost):
         self.model, self.reduction = model, reduction
 
     def seen(self, points: Array) -> Array:
-        """Return what the model sees of inputs (n, d): themselves."""
+        """Return the inputs (n, d) themselves, which the model uses directly."""
         return points
 
     def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
@@ -113,7 +114,7 @@ class SklearnCost(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
         form = KernelSum if settings["form"] == "kernels" else Layers
         reduction = settings["reduction"]
         if reduction is not None:
@@ -122,14 +123,14 @@ class SklearnCost(LearnedCost):
 
 
 class Layers:
-    """A network of dense layers with one activation, linear at the end.
+    """A network of dense layers with one activation and a linear last layer.
 
     Attributes:
-        weights: of each layer (rows, columns), inputs first.
-        biases: of each layer (columns,).
+        weights: weights of each layer (rows, columns), inputs first.
+        biases: biases of each layer (columns,).
         activation: a key of `ACTIVATIONS`.
         mean: subtracted from the inputs (d,).
-        scale: divides then (d,).
+        scale: divides the result (d,).
     """
 
     def __init__(
@@ -178,7 +179,7 @@ class Layers:
 
     @classmethod
     def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Layers:
-        """Return the network that `parts` came from."""
+        """Return the network with these `parts`."""
         weights, biases = (
             [arrays[f"{letter}{i}"] for i in range(settings["layers"])] for letter in "Wb"
         )
@@ -186,16 +187,16 @@ class Layers:
 
 
 def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.0) -> LearnedCost:
-    """Return the cost that a fitted estimator, or a pipeline of scalers and one, predicts.
+    """Return a cost with the prediction of a fitted estimator, or of scalers and one in a pipeline.
 
     Args:
-        estimator: fitted; see the top of this file for what can be read.
+        estimator: the fitted estimator; the top of this file lists what can be read.
         coordinates: names of its inputs, in its order.
-        minimum: V_min, no posture is meant to cost less [points].
+        minimum: V_min, the lowest cost that a posture should have [points].
 
     Raises:
-        ModelError: for an estimator, kernel or step that cannot be read, one that is not fitted, or
-            another number of inputs.
+        ModelError: if the estimator, a kernel or a step cannot be read, it is not fitted, or
+            the number of inputs differs.
         MissingExtraError: if scikit-learn is not installed.
 
     Example:
@@ -215,7 +216,7 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
 
 
 def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
-    """Return what an estimator predicts from (x - mean) / scale."""
+    """Return the prediction of an estimator from (x - mean) / scale."""
     kind = type(last).__name__
     if kind == "GaussianMixture":
         raise ModelError(
@@ -232,7 +233,7 @@ def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
 
 
 def _target(scaler: Any) -> tuple[float, float]:
-    """Return (offset, factor) that lead back from the scaled score."""
+    """Return (offset, factor) that map the scaled score back."""
     if (
         type(scaler).__name__ == "FunctionTransformer"
         and scaler.func is None
@@ -247,7 +248,7 @@ def _svr(svr: Any, mean: Array, scale: Array) -> KernelSum:
     weights = dense(svr.dual_coef_).ravel()
     kernel = _kernel(
         svr.kernel, svr._gamma, svr.coef0, svr.degree
-    )  # there is no public name for what "scale" came to
+    )  # the value that "scale" stands for has no public name
     return _sum(kernel, dense(svr.support_vectors_), weights, float(svr.intercept_[0]), mean, scale)
 
 
@@ -255,7 +256,7 @@ def _sum(
     kernel: Kernel, centres: Array, weights: Array, bias: float, mean: Array, scale: Array
 ) -> KernelSum:
     if kernel.kind == "linear":
-        # However many centres, their weighted sum says it all.
+        # With a linear kernel the weighted sum of all centres is enough.
         centres, weights = weights[np.newaxis] @ centres, np.ones(1)
     return KernelSum(kernel, centres, weights, bias, mean, scale)
 
@@ -305,7 +306,7 @@ _READERS: Final[dict[str, Callable[[Any, Array, Array], KernelSum | Layers]]] = 
 
 
 def _kernel(name: Any, gamma: float, offset: float, degree: float) -> Kernel:
-    """Return a kernel by scikit-learn's name of it."""
+    """Return the kernel with this scikit-learn name."""
     kind = {"polynomial": "poly"}.get(name, name)
     if kind not in ("rbf", "linear", "poly", "sigmoid"):
         raise ModelError(f"estimator: got the kernel {name!r}, allowed rbf, linear, poly, sigmoid")
@@ -316,7 +317,8 @@ def _covariance(kernel: Any) -> tuple[float, Kernel, Array]:
     """Return (constant factor, kernel, length scales (d,) or (1,)) of a Gaussian process kernel."""
     kind = type(kernel).__name__
     if kind == "Sum":
-        # White noise is no covariance between different points, so a prediction does not see it.
+        # White noise has no covariance between different points, so it does not affect a
+        # prediction.
         rest = [part for part in (kernel.k1, kernel.k2) if type(part).__name__ != "WhiteKernel"]
         if len(rest) == 1:
             return _covariance(rest[0])

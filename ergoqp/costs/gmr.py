@@ -1,6 +1,6 @@
 """Gaussian mixture regression of the score on the posture.
 
-It follows eq. 2.4-2.8 of the EPFL report, or takes a mixture per score.
+There are two variants: equations 2.4 to 2.8 of the EPFL report, or one mixture per score.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ Variant = Literal["per_score", "joint"]
 Covariance = Literal["full", "diag"]
 
 COMPONENTS: Final[dict[str, int]] = {"per_score": 60, "joint": 24}
-"""Gaussians in all, when not given. 24 is the number that the EPFL report found by BIC."""
+"""Default number of Gaussians in total. 24 is the number that the EPFL report found by BIC."""
 
 MOST_SCORES: Final = 40
-"""Different labels at most, for a mixture per score."""
+"""Largest number of different labels for one mixture per score."""
 
 
 class Gmr(LearnedCost):
     """V(q) = E[score | q] under a Gaussian mixture.
 
-    Two variants. ``joint`` is the EPFL report's: one mixture with full covariances over posture and
-    score, conditioned on the posture. It predicts well but its gradient leads nowhere good
-    (`notebooks/03_gmr_postures` shows why). ``per_score`` fits a mixture to the postures of each
-    score and weighs the scores by Bayes' rule, V = sum_i s_i p(score i | q): a mixture whose
-    Gaussians have no variance of the score, so everything of the regression stays as it is. Its
-    covariances are diagonal, its responsibilities are averaged over two temperatures so that the
-    gradient sees further than the next Gaussian, and the s_i are the scores after a straight line
-    that makes the predictions unbiased on the data.
+    There are two variants. ``joint`` is that of the EPFL report: one mixture with full
+    covariances over posture and score, conditioned on the posture. It predicts well, but its
+    gradient does not lead to good postures (`notebooks/03_gmr_postures` shows why).
+    ``per_score`` fits a mixture to the postures of each score and weighs the scores by Bayes'
+    rule, V = sum_i s_i p(score i | q). This is the same regression with Gaussians that have no
+    variance of the score. The covariances are diagonal. The responsibilities are averaged over
+    two temperatures, so that the gradient reaches beyond the next Gaussian. The s_i are the
+    scores after a linear map that makes the predictions unbiased on the data.
 
     Attributes:
         mixture: the Gaussians over (inputs, score).
@@ -58,8 +58,8 @@ class Gmr(LearnedCost):
         variant: ``"per_score"`` or ``"joint"``.
         coordinates: names of the inputs.
         minimum: V_min, the lowest score of the data [points].
-        temperatures: that divide the logarithms of the responsibilities, dimensionless.
-        shares: share of each temperature, adding up to 1.
+        temperatures: divisors of the logarithms of the responsibilities, dimensionless.
+        shares: share of each temperature; the sum is 1.
 
     Source:
         EPFL semester report, "Learning ergonomic human-robot interaction", equations 2.4 to
@@ -92,8 +92,8 @@ class Gmr(LearnedCost):
         """Take a mixture whose last column is the score.
 
         Raises:
-            ModelError: if the mixture has another number of columns than inputs and one, or cannot
-                be split.
+            ModelError: if the number of columns is not the number of inputs plus one, or the
+                mixture cannot be split.
         """
         super().__init__(coordinates, minimum)
         width = len(self.coordinates)
@@ -122,20 +122,23 @@ class Gmr(LearnedCost):
 
         Args:
             data: points and their scores.
-            components: Gaussians in all; None: 60 for ``per_score``, where they are shared out by
-                the number of postures of each score, and 24 for ``joint``.
-            seed: of the start.
-            variant: ``"per_score"`` or ``"joint"``, the EPFL report's.
+            components: number of Gaussians in total; None: 60 for ``per_score``, where they
+                are divided in proportion to the number of postures of each score, and 24 for
+                ``joint``.
+            seed: seed of the start.
+            variant: ``"per_score"`` or ``"joint"`` (that of the EPFL report).
             covariance: ``"full"`` or ``"diag"``; None: diagonal for ``per_score``, full for
                 ``joint``.
             regularisation: added to every variance, also to that of the score in ``joint`` [rad^2
                 or m^2, points^2].
-            temperatures: of the responsibilities, dimensionless; None: (1, 8) for ``per_score`` and
-                (1,) for ``joint``.
-            shares: share of each temperature; None: (0.7, 0.3), or (1,).
+            temperatures: temperatures of the responsibilities, dimensionless; None: (1, 8) for
+                ``per_score`` and (1,) for ``joint``.
+            shares: share of each temperature; None: (0.7, 0.3) for ``per_score`` and (1,) for
+                ``joint``.
 
         Raises:
-            ModelError: for too few points, equal labels, or an option that is none.
+            ModelError: if there are too few points, all labels are equal, or an option is not
+                allowed.
             MissingExtraError: if scikit-learn is not installed.
         """
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
@@ -147,8 +150,8 @@ class Gmr(LearnedCost):
         check_whole("components", count, 1, error=ModelError)
         check_whole("seed", seed, 0, LARGEST_SEED, ModelError)
         check_number("regularisation", regularisation, 1e-12, 1e6, error=ModelError)
-        # A full covariance needs d + 2 points to be more than its regularisation, a diagonal one a
-        # few.
+        # With fewer than d + 2 points a full covariance is only its regularisation. A diagonal
+        # one needs a few points.
         least = count * (data.points.shape[1] + 2 if covariance == "full" else 4)
         data.require(least, f"gmr with {count} Gaussians")
         temperatures = (
@@ -170,7 +173,7 @@ class Gmr(LearnedCost):
         slope, offset = np.polyfit(plain.predict(data.points), data.labels, 1)
         means = mixture.means.copy()
         means[:, -1] = offset + slope * means[:, -1]
-        # V is a mean of these, so the lowest is a true bound.
+        # V is a weighted mean of these, so the lowest is a true lower bound.
         lowest = min(lowest, float(means[:, -1].min()))
         return cls(
             MixtureRegression(mixture.weights, means, mixture.covariances),
@@ -188,12 +191,12 @@ class Gmr(LearnedCost):
         The mixture may have any type of covariance.
 
         Args:
-            estimator: fitted; its last column is the score.
+            estimator: a fitted mixture; its last column is the score.
             coordinates: names of the inputs.
-            minimum: V_min [points]; None: the lowest mean score of a Gaussian.
+            minimum: V_min [points]; None: the lowest mean score of the Gaussians.
 
         Raises:
-            ModelError: if it is not fitted, or has another number of columns.
+            ModelError: if it is not fitted, or has a wrong number of columns.
         """
         mixture = mixture_of(estimator)
         return cls(
@@ -242,7 +245,7 @@ class Gmr(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
         mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
         options = {name: settings[name] for name in ("variant", "temperatures", "shares")}
         return cls(mixture, coordinates, minimum, **options)
@@ -259,12 +262,12 @@ def bic_curve(
 ) -> NDArray[np.float64]:
     """Return the Bayesian information criterion of joint mixtures over (inputs, score).
 
-    The lower the better.
+    A lower value is better.
 
     Args:
         data: points and their scores.
         counts: numbers of Gaussians.
-        seed: of the starts.
+        seed: seed of the starts.
         covariance: ``"full"`` or ``"diag"``.
         regularisation: added to every variance.
         progress: called with the share that is done.
@@ -273,7 +276,7 @@ def bic_curve(
         One value per count.
 
     Raises:
-        ModelError: for too few points.
+        ModelError: if there are too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
     data.require(
@@ -293,7 +296,7 @@ def bic_curve(
 def _per_score(
     data: DataSet, count: int, seed: int, covariance: str, regularisation: float
 ) -> MixtureRegression:
-    """Return a mixture of mixtures, one per score; the Gaussians have no variance of the score."""
+    """Return the union of one mixture per score. The Gaussians have no variance of the score."""
     scores, sizes = np.unique(data.labels, return_counts=True)
     if len(scores) > MOST_SCORES:
         raise ModelError(
@@ -303,8 +306,8 @@ def _per_score(
     weights, means, covariances = [], [], []
     for score, size in zip(scores, sizes, strict=True):
         own = max(1, round(count * size / len(data)))
-        # Seeds without Lloyd's rounds: the Gaussians of one score overlap, and clusters would
-        # separate them.
+        # k-means++ seeds without Lloyd iterations: the Gaussians of one score overlap, and
+        # clusters would separate them.
         part = em(
             data.points[data.labels == score], own, seed, covariance, regularisation, "k-means++"
         )

@@ -1,11 +1,12 @@
-"""One one-class SVM per score, made one smooth cost.
+"""One smooth cost from one one-class SVM per score.
 
 It is the EPFL report's last and best idea (its figures 24 and 25).
 
-The report walks down a ladder: a posture of class i follows the gradient of the one-class SVM of
-class i - 1, then of the next, with a jump of the gradient at every rung. The same ladder as one
-function counts the rungs that are still below. With g_j the margin of class j
-(`ergoqp.learning.one_class`: positive inside), the set of all classes up to i has the margin
+In the report, a posture of class i follows the gradient of the one-class SVM of class i - 1,
+then that of the next lower class, and so on, like the rungs of a ladder. The gradient jumps at
+every rung. This module writes the same ladder as one smooth function that counts the rungs
+that are still below. Let g_j be the margin of class j (`ergoqp.learning.one_class`: positive
+inside). The set of all classes up to i has the margin
 
     m_i = log sum_{j <= i} exp g_j        (a smooth maximum),
 
@@ -14,16 +15,17 @@ and with the scores s_1 < s_2 < ... the rungs below are
     r = sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),   z_i =
     -steepness m_i - log 9,
 
-sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on
-are positive, and what is left are the rungs below, of which the nearest gives the slope. The second
-term is what leads on where the logistics are flat; `reach` makes it count like the first at the far
-data. The classes of high scores are wide and far from the low ones, so r grows faster than the
-score. The value bends it back,
+where sigma is the logistic function. At its own boundary a rung counts as a tenth. Inside
+class i, all m from i on are positive. What remains are the rungs below, and the nearest of
+them gives the slope. The second term gives a slope where the logistic functions are flat.
+`reach` scales it so that it counts as much as the first term at the far data. The classes of
+high scores are wide and far from the low ones, so r grows faster than the score. The value
+corrects this:
 
     V = offset + height log(1 + curve r) / curve,
 
-with offset, height and curve fitted to the labels. That changes how fast the value falls, not where
-to.
+with offset, height and curve fitted to the labels. This changes how fast the value falls, but
+not the direction.
 """
 
 from __future__ import annotations
@@ -45,35 +47,35 @@ from ergoqp.learning.one_class import OneClass
 Array = NDArray[np.float64]
 
 _LEAST: Final = 10
-"""Fewest points of a rung."""
+"""Least number of points of a rung."""
 
 _MOST: Final = 30
-"""Most rungs."""
+"""Largest number of rungs."""
 
 _FAR: Final = 90.0
 """Percentile of the data that counts as far."""
 
 _CURVES: Final = (0.0, *np.geomspace(0.03, 3, 11).tolist())
-"""To choose from."""
+"""Values of `curve` to choose from."""
 
 _EDGE: Final = float(np.log(9))
-"""What a rung counts at its edge is a tenth."""
+"""With this offset a rung counts as a tenth at its edge."""
 
 
 class OneClassLadder(LearnedCost):
-    """V(q) by counting the one-class SVMs that the posture is still outside of.
+    """V(q) from the number of one-class SVMs that the posture is still outside of.
 
     Attributes:
-        rungs: one boundary per score, ascending.
-        scores: of the rungs [points].
+        rungs: one boundary per score, in ascending order.
+        scores: scores of the rungs [points].
         coordinates: names of the inputs.
         minimum: V_min, the lowest score of the data [points].
-        steepness: of the logistic function, per unit of the margins.
-        pull: share of the term that leads from afar.
+        steepness: steepness of the logistic function, per unit of the margins.
+        pull: share of the term that gives a slope far away.
         reach: value of the softplus at the far data (dimensionless).
         offset: value where every rung is reached [points].
-        height: of the lowest rung, if it is one point high [points].
-        curve: how much less the next rungs count than the lowest; 0: all count the same
+        height: height of the lowest rung, per point of its score [points].
+        curve: how much less the higher rungs count than the lowest; 0: all count the same
             (dimensionless).
 
     Source:
@@ -110,7 +112,8 @@ class OneClassLadder(LearnedCost):
         """Keep the rungs.
 
         Raises:
-            ModelError: if there are fewer than two, or scores and rungs do not fit together.
+            ModelError: if there are fewer than two rungs, scores and rungs do not fit
+                together, or a number is out of its range.
         """
         super().__init__(coordinates, minimum)
         self.rungs, self.scores = tuple(rungs), np.asarray(scores, dtype=float)
@@ -152,15 +155,15 @@ class OneClassLadder(LearnedCost):
 
         Args:
             data: labelled points; at least 10 of each label.
-            nu: share of a class's points outside its own boundary, at most.
-            gamma: of the kernels, per squared scaled unit; None: 3 / d, or for a class
-                with too few points for that, half or a quarter of it.
-            steepness: of the logistic function, per unit of the margins.
-            pull: share of the term that leads from afar.
-            progress: told the share that is done.
+            nu: upper bound of the share of a class's points that are outside its own boundary.
+            gamma: gamma of the kernels, per squared scaled unit; None: 3 / d, or half or a
+                quarter of it for a class with too few points for that.
+            steepness: steepness of the logistic function, per unit of the margins.
+            pull: share of the term that gives a slope far away.
+            progress: called with the share that is done.
 
         Raises:
-            ModelError: for too few points of a label, or too many labels.
+            ModelError: if a label has too few points, or there are too many labels.
             MissingExtraError: if scikit-learn is not installed.
         """
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
@@ -208,7 +211,7 @@ class OneClassLadder(LearnedCost):
         return ((1 - self.pull) * near + self.pull / self.reach * far) @ np.diff(self.scores)
 
     def _terms(self, points: Array) -> tuple[Array, Array]:
-        """Return logistic and softplus of every rung but the last (n, k)."""
+        """Return the logistic and the softplus term of every rung except the last, each (n, k)."""
         margins = np.logaddexp.accumulate(
             np.stack([rung.margin(points) for rung in self.rungs[:-1]], axis=1), axis=1
         )
@@ -220,7 +223,7 @@ class OneClassLadder(LearnedCost):
         return self._both(x)[0]
 
     def slope(self, x: ca.MX) -> ca.MX:
-        """Return dV/dx (d,), an expression: the slopes of the margins, weighed."""
+        """Return dV/dx (d,), an expression: the weighted sum of the slopes of the margins."""
         return self._both(x)[1]
 
     def _both(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -230,7 +233,7 @@ class OneClassLadder(LearnedCost):
         return value, ca.horzcat(*(slope for _, slope in found)) @ weights
 
     def _weighed(self) -> ca.Function:
-        """Return ``margins (k,) -> V, dV/dmargins (k,)``: few scalars for any number of kernels."""
+        """Return ``margins (k,) -> V, dV/dmargins (k,)``, a Function of few scalars."""
         margins = ca.SX.sym("margins", len(self.rungs) - 1)
         below, merged = ca.SX(0), margins[0]
         for i, height in enumerate(np.diff(self.scores)):
@@ -271,7 +274,7 @@ class OneClassLadder(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
         rungs = []
         for number, (gamma, log_rho) in enumerate(
             zip(settings["gammas"], settings["log_rhos"], strict=True)
@@ -287,7 +290,7 @@ class OneClassLadder(LearnedCost):
 
 
 def _calibrated(below: Array, labels: Array) -> dict[str, float]:
-    """Return the curve, height and offset that fit the labels best, by least squares."""
+    """Return the curve, height and offset that fit the labels best in the least-squares sense."""
     best, least = {}, np.inf
     for curve in _CURVES:
         bent = np.log1p(curve * below) / curve if curve else below
@@ -299,7 +302,7 @@ def _calibrated(below: Array, labels: Array) -> dict[str, float]:
 
 
 def _rung(data: DataSet, nu: float, gammas: Sequence[float]) -> OneClass:
-    """Return the one-class boundary with the first of some widths that leaves something inside."""
+    """Return the one-class boundary with the first gamma for which the fit succeeds."""
     for gamma in gammas[:-1]:
         with suppress(ModelError):
             return OneClass.fit(data.points, data.coordinates, nu, gamma)
@@ -307,5 +310,5 @@ def _rung(data: DataSet, nu: float, gammas: Sequence[float]) -> OneClass:
 
 
 def _softplus(z: ca.SX) -> ca.SX:
-    """log(1 + exp z) without overflow."""
+    """Return log(1 + exp z) without overflow."""
     return ca.fmax(z, 0) + ca.log1p(ca.exp(-ca.fabs(z)))

@@ -1,6 +1,7 @@
-"""What every learned cost shares.
+"""The base class of all learned costs.
 
-Each has named inputs, numbers and expression from the same parts, and a file without pickle.
+Each cost has named inputs, gives numbers and an expression from the same parts, and is saved
+without pickle.
 """
 
 from __future__ import annotations
@@ -20,16 +21,17 @@ from ergoqp.learning.model_file import save_model
 
 
 class LearnedCost(ABC):
-    """V(q) learned from data.
+    """An ergonomic cost V(q) that is learned from data.
 
-    A kind adds `fit`, `predict`, the expression of the same, and what to save.
+    A subclass adds `fit`, `predict`, the expression of the same value, and the parts to save.
 
-    The lowest score of the data is `minimum`; the value itself may undercut it where there were no
-    data.
+    `minimum` is the lowest score of the data. Where there were no data, the value may be
+    lower.
 
     Attributes:
-        name: of the kind, a key of `ergoqp.costs.load.KINDS`.
-        dense: matrices stay matrices: thousands of kernels are never written out as scalars.
+        name: name of the kind, a key of `ergoqp.costs.load.KINDS`.
+        dense: the cost is evaluated with matrices; thousands of kernels are never expanded to
+            scalars.
         coordinates: the inputs.
         minimum: V_min, the lowest score of the data [points].
 
@@ -51,36 +53,35 @@ class LearnedCost(ABC):
     dense: ClassVar[bool] = True
 
     def __init__(self, coordinates: Sequence[str], minimum: float) -> None:
-        """Keep what all kinds share."""
+        """Keep the parts that all kinds have."""
         self.coordinates, self.minimum = Coordinates(coordinates), float(minimum)
 
     @abstractmethod
     def predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return V (n,) of inputs (n, d): what the estimator predicts, by its own arithmetic."""
+        """Return V (n,) of inputs (n, d), as the estimator computes it."""
 
     @abstractmethod
     def value(self, x: ca.MX) -> ca.MX:
-        """Return V, a scalar expression of the inputs (d,): equal to `predict` to 1e-10."""
+        """Return V, a scalar expression of the inputs (d,). It agrees with `predict` to 1e-10."""
 
     def values(self, x: ca.MX) -> ca.MX:
         """Return the expression of V (1, k) at k columns of inputs (d, k).
 
-        The control step looks ahead at several places.
-
-        Kinds whose matrices can serve several columns at once write it here.
+        The control step evaluates the cost at several places ahead. Kinds whose matrices can
+        take several columns at once override this.
         """
         return ca.horzcat(*(self.value(column) for column in ca.horzsplit(x)))
 
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression.
 
-        Kinds that know a shorter way than differentiation write it here.
+        Kinds with a shorter form than differentiation override this.
         """
         return ca.gradient(self.value(x), x)
 
     @abstractmethod
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return (settings that JSON can hold, arrays): all that `from_parts` needs."""
+        """Return (settings for JSON, arrays): everything that `from_parts` needs."""
 
     @classmethod
     @abstractmethod
@@ -91,10 +92,10 @@ class LearnedCost(ABC):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
 
     def expression(self, q: ca.MX) -> ca.MX:
-        """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`; `q` is the whole state."""
+        """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`. `q` is the whole state."""
         return self.function(q)
 
     def __call__(self, postures: ArrayLike) -> NDArray[np.float64]:
@@ -133,9 +134,9 @@ class LearnedCost(ABC):
         """Write the cost to a file (npz with a JSON header and a checksum).
 
         Args:
-            path: of the file.
-            notes: what else a reader should know, for example figures of its test; JSON can hold
-                it.
+            path: path of the file.
+            notes: other facts for readers of the file, for example test results; JSON must be
+                able to hold them.
 
         Raises:
             ModelError: if the file cannot be written.

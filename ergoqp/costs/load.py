@@ -1,4 +1,4 @@
-"""The kinds of learned cost there are, and a learned cost from its file."""
+"""The kinds of learned costs, and loading a cost from its file."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ KINDS: Final[dict[str, str]] = {
     "neural": "ergoqp.costs.neural:Neural",
     "sklearn": "ergoqp.costs.from_sklearn:SklearnCost",
 }
-"""Where each kind of learned cost is; to add one, write the class and a line here."""
+"""Module and class of each kind of learned cost. To add one, write the class and a line here."""
 
 
 def load_cost(path: Path | str) -> LearnedCost:
     """Return the cost that :meth:`LearnedCost.save` wrote.
 
     Raises:
-        ModelError: if the file is not there, cut, changed, or holds something else.
+        ModelError: if the file does not exist, is truncated or changed, or holds something
+            else.
 
     Example:
         >>> import numpy as np
@@ -52,7 +53,7 @@ def load_cost(path: Path | str) -> LearnedCost:
     try:
         make = getattr(import_module(module), name).from_parts
         cost = make(header["settings"], arrays, header["coordinates"], header["minimum"])
-        # Arrays that do not fit to each other show when they are used.
+        # Evaluate the cost once, to find arrays that do not fit together.
         if not np.isfinite(
             cost(np.zeros((1, len(cost.coordinates.state))))
         ).all() or not np.isfinite(cost.minimum):

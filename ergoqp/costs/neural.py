@@ -1,16 +1,18 @@
-"""The sheet learned by a small network from millions of labelled postures.
+"""A small network that learns the sheet from millions of labelled postures.
 
 The idea is that of DULA and DEBA (Yazdani et al., 2022).
 
-A score is constant between band ends, and a band end belongs to one joint. So the first layer looks
-at each joint alone: a few soft steps tanh(a (x - c)), whose places c and sharpness a are learned,
-mixed to a few curves. Dense layers combine the curves of all joints, and the last one gives a
-probability p_i of each score i. The value is the expected score, sum_i i p_i, which is smooth and
-never beyond the scores seen. Nothing of the sheet is built in: the steps start evenly spread.
+A score is constant between band ends, and each band end belongs to one joint. So the first
+layer reads each joint alone: a few soft steps tanh(a (x - c)) with learned places c and
+sharpnesses a, mixed to a few curves. Dense layers combine the curves of all joints. The last
+layer gives a probability p_i of each score i. The value is the expected score, sum_i i p_i. It
+is smooth and always within the range of the scores of the data. The network contains nothing
+of the sheet: the steps start evenly spread.
 
-Trained on exact scores it is as flat between band ends as the sheet is. Trained on the scores of
-postures as a noisy sensor sees them (`taus_deg` of :meth:`Neural.fit_sheet`) it learns the expected
-score under that noise, which leads from afar.
+A network that is trained on exact scores is as flat between band ends as the sheet. A network
+that is trained on the scores of postures with sensor noise (`taus_deg` of
+:meth:`Neural.fit_sheet`) learns the expected score under that noise, which has a slope far
+from the edges too.
 """
 
 from __future__ import annotations
@@ -48,29 +50,29 @@ _MOST_SCORES: Final = 30
 _MOST_LAYERS: Final = 8
 _WIDEST: Final = 4096
 _LARGEST_SIZE: Final = {"steps": 256, "curves": 64, "batch": 1_000_000, "epochs": 1_000_000}
-"""Beyond these a size is a slip of the hand."""
+"""A size above these limits is taken for a mistake."""
 _BATCH: Final = 512
 _LEAST_BATCH: Final = 64
 _LEAST_UPDATES: Final = 8000
 _DECAY: Final = 1000.0
 _CHUNK: Final = 4096
-"""Rows that are predicted at once."""
+"""Number of rows that are predicted at once."""
 
 
 class Neural(LearnedCost):
-    """V(q) as the expected score of a network that gives each score a probability.
+    """V(q) as the expected score of a network that gives the probability of each score.
 
     Args:
-        network: its parameters, see :data:`ergoqp.learning.network.Network`.
-        scores: the scores that the network knows (s,) [points].
+        network: parameters, see :data:`ergoqp.learning.network.Network`.
+        scores: the scores of the network's outputs (s,) [points].
         coordinates: the inputs.
         minimum: V_min, the lowest score [points].
-        temperature: divides the last layer (dimensionless). Above 1 the steps between scores are
-            softer.
+        temperature: divides the last layer (dimensionless). Above 1 the steps between scores
+            are softer.
 
     Raises:
-        ModelError: if the network is not of these coordinates and scores, or the temperature is not
-            positive.
+        ModelError: if the network does not fit these coordinates and scores, or the
+            temperature is not positive.
 
     Source:
         The idea is that of DULA and DEBA (Yazdani et al., 2022).
@@ -96,7 +98,7 @@ class Neural(LearnedCost):
         minimum: float,
         temperature: float = 1.0,
     ) -> None:
-        """Keep the parameters; training is in single precision, everything else in double."""
+        """Keep the parameters. Training is in single precision, everything else in double."""
         super().__init__(coordinates, minimum)
         self.network = {
             name: np.asarray(values, dtype=np.float64) for name, values in network.items()
@@ -129,25 +131,25 @@ class Neural(LearnedCost):
         seed: int = 0,
         progress: Callable[[float], None] | None = None,
     ) -> Self:
-        """Train on labelled points by Adam with a cosine schedule, cross-entropy of the scores.
+        """Train on labelled points, by Adam with a cosine schedule and cross-entropy of the scores.
 
         Args:
             data: points and whole-numbered labels; the more the better.
-            steps: soft steps per input.
-            curves: made from the steps of each input.
+            steps: number of soft steps per input.
+            curves: number of curves made from the steps of each input.
             hidden: sizes of the dense layers.
-            epochs: passes over the data; None: 4 of them, and for few data as many as make 8000
+            epochs: passes over the data; None: 4, or more for few data, until there are 8000
                 updates.
             batch: points per update; None: the 150th part of the data, 64 to 512.
             rate: largest step of Adam (dimensionless).
-            decay: pull of the weights toward zero (dimensionless), so that few data are not learned
-                by heart; None: 1000 by their number.
-            temperature: of the result (dimensionless), see the class.
-            seed: of start and order.
-            progress: told the share that is done.
+            decay: weight decay (dimensionless), against overfitting of few data; None: 1000
+                divided by the number of points.
+            temperature: temperature of the result (dimensionless), see the class.
+            seed: seed of the start and of the order.
+            progress: called with the share that is done.
 
         Raises:
-            ModelError: for too little data, or labels that are not a few whole numbers.
+            ModelError: if there are too few points, or the labels are not a few whole numbers.
         """
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH) if batch is None else batch
@@ -191,31 +193,32 @@ class Neural(LearnedCost):
         method: Method | None = None,
         **task: Unpack[TaskOptions],
     ) -> Self:
-        """Train on fresh postures that the sheet scores, each seen once.
+        """Train on new postures that the sheet scores, each used once.
 
-        No data are kept, and none are learned by heart.
+        No data are kept, so the network cannot overfit them.
 
         Args:
-            count: of postures, rounded down to whole updates.
-            joints: the inputs; the others are at zero.
-            scores: of the postures, as many of each.
-            taus_deg: scales of the noise under which the expected score is learned [deg]; none: the
-                score itself.
+            count: number of postures, rounded down to whole updates.
+            joints: the inputs; all other joints are at zero.
+            scores: scores of the postures, with equally many postures of each.
+            taus_deg: scales of the noise under which the expected score is learned [deg];
+                none: the score itself is learned.
             weights: share of each scale.
             steps: as in :meth:`fit`, like the following.
-            curves: made from the steps of each input.
+            curves: number of curves made from the steps of each input.
             hidden: sizes of the dense layers.
             batch: postures per update.
             rate: largest step of Adam (dimensionless).
-            seed: of start and postures.
-            progress: told the share that is done.
+            seed: seed of the start and of the postures.
+            progress: called with the share that is done.
             method: how the sheet is read; the default follows the publication.
-            **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+            **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for
+                all postures.
 
         Raises:
-            ModelError: for sizes that make no network.
-            InputError: for an unknown joint, a score that no posture has, or scales and weights
-                that do not fit together.
+            ModelError: if a size is not possible for a network.
+            InputError: if a joint is unknown, no posture has one of the scores, or scales and
+                weights do not fit together.
         """
         _check(rate, hidden, seed, steps=steps, curves=curves, batch=batch, count=count)
         check_whole("neural count", count, batch, error=ModelError)
@@ -226,7 +229,7 @@ class Neural(LearnedCost):
             rng, joints=joints, scores=scores, per_score=per_score, **noise, method=method, **task
         )
         first = next(blocks)
-        # Noise leads to scores that no posture of the data has.
+        # With noise there are scores that no posture of the data has.
         known = (
             np.arange(1, read_method(method).final_max + 1) if len(taus_deg) else np.unique(scores)
         )
@@ -254,14 +257,14 @@ class Neural(LearnedCost):
         return ca.dot(ca.DM(self.scores), self._shares(self._layers(x)[-1]))
 
     def values(self, x: ca.MX) -> ca.MX:
-        """Return V (1, k) of k columns of inputs (d, k): the same products for all columns."""
+        """Return V (1, k) of k columns of inputs (d, k), with the same products for all columns."""
         logarithms = ca.horzsplit(self._layers(x)[-1])
         return ca.horzcat(*(ca.dot(ca.DM(self.scores), self._shares(z)) for z in logarithms))
 
     def slope(self, x: ca.MX) -> ca.MX:
-        """Return dV/dx (d,), back through the layers.
+        """Return dV/dx (d,), by a backward pass through the layers.
 
-        This does without the transposed products that differentiation would form.
+        This avoids the transposed products that differentiation would form.
         """
         scores, steps = ca.DM(self.scores), soft_steps(self.network, x)
         values = dense_layers(self.network, steps)
@@ -277,7 +280,7 @@ class Neural(LearnedCost):
         return weights / ca.sum1(weights)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return settings and arrays (rows, columns), in single precision as training gives."""
+        """Return settings and arrays (rows, columns), the arrays in single precision as trained."""
         settings = {"scores": self.scores.tolist(), "temperature": self.temperature}
         return settings, {name: values.astype(np.float32) for name, values in self.network.items()}
 
@@ -289,7 +292,7 @@ class Neural(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])
 
 
@@ -297,7 +300,7 @@ def _check(rate: float, hidden: Sequence[int], seed: int, **sizes: int) -> None:
     """Check the sizes of a network and of its training.
 
     Raises:
-        ModelError: naming the one that is wrong.
+        ModelError: if one is wrong; the message names it.
     """
     layers = hidden if isinstance(hidden, Sequence) and not isinstance(hidden, str) else ()
     if not 1 <= len(layers) <= _MOST_LAYERS:

@@ -1,4 +1,4 @@
-"""The classical baseline: one quadratic per joint, added up; convex, so it has one best posture."""
+"""The classical baseline: the sum of one quadratic per joint. It is convex."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Quadratic(LearnedCost):
         minimum: V_min, the lowest score of the data [points].
 
     Raises:
-        ModelError: if there is not one slope and one curvature per input, or one curvature is
-            negative.
+        ModelError: if the number of slopes or curvatures differs from the number of inputs, or
+            a curvature is negative.
 
     Example:
         >>> import numpy as np
@@ -73,8 +73,8 @@ class Quadratic(LearnedCost):
             data: labelled points, at least three per input.
 
         Raises:
-            ModelError: for too little data.
-            MissingExtraError: without scipy.
+            ModelError: if there are too few points, or all labels are the same.
+            MissingExtraError: if scipy is not installed.
         """
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         width = data.points.shape[1]
@@ -83,13 +83,13 @@ class Quadratic(LearnedCost):
             from scipy.optimize import lsq_linear
         except ImportError:
             raise MissingExtraError("fitting a quadratic cost", "learn", "scipy") from None
-        # In units of each input's spread about its mean the columns are of one size.
+        # Standardised inputs give columns of similar size.
         centre, still = data.points.mean(axis=0), np.ptp(data.points, axis=0) == 0
         spread = np.where(still, 1.0, data.points.std(axis=0))
         z = np.where(still, 0.0, (data.points - centre) / spread)
         columns = np.hstack([np.ones((len(z), 1)), z, z * z])
         lower = np.concatenate([np.full(1 + width, -np.inf), np.zeros(width)])
-        # The triangular factor has the same solution as the columns, whatever their number.
+        # The small triangular factor has the same solution as all the rows.
         q, r = np.linalg.qr(columns)
         found = lsq_linear(r, q.T @ data.labels, bounds=(lower, np.inf), method="bvls").x
         b, c = found[1 : 1 + width] / spread, np.maximum(found[1 + width :], 0.0) / spread**2
@@ -120,7 +120,7 @@ class Quadratic(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
         return cls(
             settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum
         )

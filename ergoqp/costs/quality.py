@@ -1,4 +1,4 @@
-"""How well a learned cost predicts scores that it has not seen."""
+"""How well a learned cost predicts scores of data that it was not fitted to."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Quality:
         mae: mean absolute error of the value, not rounded [points].
         exact: share whose rounded value is the score.
         within1: share whose rounded value is at most one point off.
-        spearman: rank correlation, ties get their mean rank; 0 where all values are the same.
+        spearman: rank correlation; ties get their mean rank; 0 if all values are the same.
         worst: largest absolute error [points].
     """
 
@@ -69,9 +69,9 @@ def quality_of(values: NDArray[np.float64], scores: NDArray) -> Quality:
 
 
 def spearman(first: NDArray, second: NDArray) -> float:
-    """Return the rank correlation of two rows of numbers.
+    """Return the rank correlation of two sequences of numbers.
 
-    Ties get their mean rank, and a constant row gives 0.
+    Ties get their mean rank. A constant sequence gives 0.
     """
     ranks = []
     for values in (first, second):
@@ -90,21 +90,21 @@ def cross_validate(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[NDArray[np.float64], list[Quality]]:
-    """Fit on all folds but one and predict that one, for each.
+    """Fit to all folds but one and predict that one, for each fold.
 
     Args:
         fit: makes a cost from data.
-        data: all of it.
-        folds: how many, 2 or more.
-        seed: of the shuffle.
-        progress: told the share that is done.
+        data: all data.
+        folds: number of folds, 2 or more.
+        seed: seed of the shuffle.
+        progress: called with the share that is done.
 
     Returns:
-        The prediction of each point (n,) by the model that has not seen it, and the quality on each
-        fold.
+        The prediction of each point (n,) by the model that was not fitted to it, and the
+        quality on each fold.
 
     Raises:
-        InputError: for a number of folds that the data do not have.
+        InputError: if the number of folds is not possible with these data.
     """
     if len(data) < 2:
         raise InputError(f"folds: got data of {len(data)} points, allowed at least 2")
@@ -128,9 +128,9 @@ def evaluation_time(function: ca.Function, states: NDArray[np.float64], calls: i
     A control loop calls it in the same way.
 
     Args:
-        function: such as a cost's `value_and_gradient`.
-        states: states (n, N) to call it with, in turn.
-        calls: how often.
+        function: for example a cost's `value_and_gradient`.
+        states: states (n, N) for the calls, in turn.
+        calls: number of calls.
     """
     evaluator = Evaluator(function)
     (state,) = evaluator.inputs.values()

@@ -1,11 +1,11 @@
-"""Fewer kernels: a sum of thousands replaced by one of hundreds.
+"""Fewer kernels: a sum of hundreds of kernels that replaces one of thousands.
 
 The difference is measured and kept with the cost.
 
-Each control step touches every centre, so time grows with their number. Nearby centres say nearly
-the same: some are chosen, or put in the middle of groups, and the weights are fitted anew to what
-the full sum says, by least squares with a small ridge (the subset of regressors that belongs to the
-Nystroem approximation).
+Each control step evaluates every centre, so time grows with their number. Nearby centres are
+nearly redundant. So some centres are selected, or replaced by the middles of groups. The
+weights are then fitted to the values of the full sum, by least squares with a small ridge (the
+subset of regressors that belongs to the Nystroem approximation).
 """
 
 from __future__ import annotations
@@ -24,29 +24,30 @@ from ergoqp.learning.pipelines import sklearn
 Array = NDArray[np.float64]
 
 Method = Literal["clusters", "largest"]
-"""Middles of groups of centres, or the centres of the largest weights.
+"""How centres are chosen: middles of groups of centres, or the centres with the largest weights.
 
-The groups are found by k-means by absolute weight; keeping the largest weights is pruning.
+The groups are found by k-means, weighted by the absolute weights. Keeping the largest weights
+is pruning.
 """
 
 _RIDGE: Final = 1e-7
-"""Of the least squares, relative to the mean diagonal."""
+"""Ridge of the least squares, relative to the mean diagonal."""
 
 _CHUNK: Final = 2000
-"""Points whose kernels are held at once."""
+"""Number of points whose kernels are in memory at once."""
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """How a reduced sum differs from the full one, on the points that its weights were fitted to.
+    """Difference between a reduced sum and the full one, on the points of the fit.
 
     Attributes:
         method: how the centres were chosen.
-        centres: that are left.
-        of: that there were.
+        centres: number of centres that are left.
+        of: number of centres of the full sum.
         rms: root mean square of the difference [points].
-        largest: difference [points].
-        points: that it was measured on.
+        largest: largest difference [points].
+        points: number of points on which it was measured.
     """
 
     method: str
@@ -61,7 +62,7 @@ class Reduction:
         return asdict(self)
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return the difference as one line."""
         return (
             f"{self.centres} of {self.of} kernels ({self.method}): "
             f"{self.rms:.3g} points rms, {self.largest:.3g} at most, on {self.points} points"
@@ -82,7 +83,7 @@ class KernelCost(Protocol):
         ...
 
     def seen(self, points: Array) -> Array:
-        """Return what the kernels see (n, m) of inputs (n, d)."""
+        """Return the features (n, m) of inputs (n, d) that the kernels use."""
         ...
 
     def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
@@ -101,16 +102,17 @@ def reduced(
     Args:
         cost: `Svr`, or `SklearnCost` of one sum of kernels.
         count: centres to keep.
-        data: points where the two are to agree, at least as many as centres; labels are not read.
-        seed: of the groups.
+        data: points at which the two should agree, at least as many as centres; labels are not
+            used.
+        seed: seed of the groups.
         method: how the centres are chosen.
 
     Returns:
         (smaller cost, its difference from `cost`, which it keeps and saves).
 
     Raises:
-        ModelError: if the cost is no sum of kernels, has no more centres than that, or there are
-            too few points.
+        ModelError: if the cost is not a sum of kernels, has no more than `count` centres, or
+            there are too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
     full = cost.model if isinstance(cost, KernelCost) else None

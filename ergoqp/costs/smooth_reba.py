@@ -1,12 +1,13 @@
-"""REBA made differentiable: its expected value under noise of known scale.
+"""A differentiable REBA score: the expected value under noise of known scale.
 
-It needs no data and no training, and it has a meaning.
+It needs no data and no training.
 
-V_tau(q) = E[REBA(q + tau eta)] with an independent logistic eta per joint, P(eta < z) = (1 + tanh
-z) / 2, is infinitely often differentiable, has a closed form because every joint is read by one
-segment only, and is REBA itself as tau goes to 0 (except exactly on band ends). It is the expected
-score under sensor noise of standard deviation 0.91 tau. A narrow tau is faithful but flat between
-band ends; a wide one shows the way from afar. The mixture has both.
+V_tau(q) = E[REBA(q + tau eta)], with an independent logistic eta per joint, P(eta < z) = (1 +
+tanh z) / 2. It can be differentiated as often as needed. It has a closed form, because every
+joint is read by one segment only. It tends to REBA itself as tau goes to 0, except exactly on
+band ends. It is the expected score under sensor noise of standard deviation 0.91 tau. A small
+tau follows the sheet closely but is flat between band ends. A large tau shows the direction
+from far away. The default cost is therefore a mixture of both.
 """
 
 from __future__ import annotations
@@ -34,16 +35,16 @@ Expression = TypeVar("Expression", ca.SX, ca.MX)
 
 
 class SmoothReba:
-    """The smooth score: a weighted mean of V_tau over a few widths tau.
+    """The smooth REBA score: a weighted mean of V_tau over a few widths tau.
 
-    Options and method shift it exactly as they shift :func:`ergoqp.sheets.reba.assess`.
+    Method and task options change it exactly as they change :func:`ergoqp.sheets.reba.assess`.
 
     Attributes:
         name: ``"smooth_reba"``.
-        minimum: the lowest exact score under these options, which the value approaches but does not
-            undercut [points].
+        minimum: the lowest exact score under these options; the value approaches it but is
+            never lower [points].
         taus_deg: scales of the logistic noise [deg].
-        weights: share of each scale, adding up to 1.
+        weights: share of each scale; the sum is 1.
         method: how the sheet is read.
         function: ``posture (32,) -> cost``, a CasADi Function of scalar operations.
 
@@ -71,12 +72,13 @@ class SmoothReba:
 
         Args:
             taus_deg: scales of the noise, above 0 [deg].
-            weights: share of each scale, not negative, adding up to 1.
+            weights: share of each scale, not negative; the sum must be 1.
             method: how the sheet is read; the default follows the publication.
-            **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+            **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for
+                all postures.
 
         Raises:
-            InputError: for a value outside its range.
+            InputError: if a value is out of its range.
         """
         self.taus_deg, self.weights = _mixture(taus_deg, weights)
         self.method = read_method(method)
@@ -94,15 +96,15 @@ class SmoothReba:
         self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
 
     def __reduce__(self) -> tuple:
-        """Go to another process as arguments: expressions cannot be sent, and are rebuilt there."""
+        """Pickle as arguments: expressions cannot be sent to a process, and are rebuilt there."""
         return partial(SmoothReba, self.taus_deg, self.weights, self.method, **self.task), ()
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:
         """``posture (32,) -> cost, gradient (32,)``, a CasADi Function; gradient in points per rad.
 
-        One pass for both: about 0.7 of the time of differentiating :meth:`expression` inside
-        another function.
+        It computes both in one pass. That takes about 0.7 of the time of differentiating
+        :meth:`expression` inside another function.
         """
         outputs = ca.cse([self._value, ca.gradient(self._value, self._q)])
         return ca.Function(
@@ -117,9 +119,9 @@ class SmoothReba:
         )
 
     def at_scale(self, q: Expression, tau: Expression) -> Expression:
-        """Return V_tau(q) for one scale tau [rad] that may be a symbol too.
+        """Return V_tau(q) for one scale tau [rad], which may be a symbol too.
 
-        An optimiser narrows it step by step.
+        An optimiser can then make it smaller from stage to stage.
         """
         return cast("Expression", self._at_scale(cast("ca.MX", q), cast("ca.MX", tau)))
 
@@ -136,13 +138,14 @@ class SmoothReba:
         rows = read_postures(postures)
         if not len(rows):
             return np.empty(0)
-        # A map over buffers reads the rows where they are: half the time of a call with a matrix.
+        # A map over buffers reads the rows in place. It takes half the time of a call with a
+        # matrix.
         return evaluated_once(self.function.map(len(rows)), rows)
 
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """The sheet read on distributions: one method per line of the worksheet."""
+    """The sheet evaluated on distributions: one method per line of the worksheet."""
 
     sheet: Sheet
     method: Method
@@ -158,7 +161,7 @@ class _Reading:
         return float(self._final()[min(score_a) - 1, min(score_b) - 1])
 
     def _final(self) -> np.ndarray:
-        """Table C with the activity, cut at the highest final score."""
+        """Return table C with the activity, limited to the highest final score."""
         return np.minimum(self.sheet.tables["C"].cells + self._points("C"), self.method.final_max)
 
     def _scores(self, q: ca.SX, tau: float | ca.SX) -> tuple[d.Distribution, d.Distribution]:

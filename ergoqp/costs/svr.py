@@ -1,11 +1,11 @@
-"""Support vector regression of the score, with a scaling that is fitted as well.
+"""Support vector regression of the score, with a fitted scaling of the inputs.
 
-The regression is the EPFL report's second surrogate.
+This regression is the second surrogate of the EPFL report.
 
-What counts with radial kernels is the metric. Three things are fitted before the regression itself,
-all from the data: soft steps where each joint's effect on the score changes
-(`ergoqp.learning.features`), a length scale per feature (`ergoqp.learning.relevance`), and which
-features are left out because they do not matter.
+With radial kernels the metric is what matters. Three things are fitted to the data before the
+regression itself: soft steps where the effect of each joint on the score changes
+(`ergoqp.learning.features`), a length scale per feature (`ergoqp.learning.relevance`), and
+which features are left out because they do not matter.
 """
 
 from __future__ import annotations
@@ -35,23 +35,24 @@ from ergoqp.learning.pipelines import dense, sklearn
 from ergoqp.learning.relevance import relevance
 
 Choice = Literal["auto", "steps", "plain"]
-"""What the kernels see: soft steps, the inputs, or whichever makes the data more likely."""
+"""Inputs of the kernels: soft steps, the plain inputs, or whichever makes the data more likely."""
 
 _LEAST_NUMBER: Final = 1e-9
 _LARGEST_NUMBER: Final = 1e9
-"""Ends of prices and scales that the solver of the fit can work with."""
+"""Range of penalties and scales with which the solver of the fit works."""
 
 _LEAST: Final = 20
-"""Fewest points that can be fitted."""
+"""Least number of points for a fit."""
 
 _SILENT: Final = 0.02
-"""Features that move the label less than this share are left out.
+"""Features that change the label by less than this share are left out.
 
-The move is along one standard deviation of the feature, the share that of the label's own.
+The change is that over one standard deviation of the feature. The share is relative to the
+standard deviation of the label.
 """
 
 _CACHE_MB: Final = 500
-"""Memory that the fit may use for kernel values."""
+"""Memory that the fit may use for kernel values [MB]."""
 
 Array = NDArray[np.float64]
 
@@ -60,11 +61,11 @@ class Svr(LearnedCost):
     """V(q) by support vector regression with radial kernels.
 
     Attributes:
-        features: what the kernels see of the inputs.
+        features: maps the inputs to the features that the kernels use.
         model: the sum of kernels of the features.
         coordinates: names of the inputs.
         minimum: V_min, the lowest score of the data [points].
-        reduction: how a reduced set differs from the full one; None for a full one.
+        reduction: how a reduced set differs from the full one; None for a full set.
 
     Source:
         EPFL semester report, "Learning ergonomic human-robot interaction", its second
@@ -91,10 +92,10 @@ class Svr(LearnedCost):
         minimum: float,
         reduction: Reduction | None = None,
     ) -> None:
-        """Keep the parts, see the attributes.
+        """Keep the parts. They are described at the attributes.
 
         Raises:
-            ModelError: if the features are not as many as the kernels see.
+            ModelError: if the number of features is not the number that the kernels need.
         """
         super().__init__(coordinates, minimum)
         self.features, self.model, self.reduction = features, model, reduction
@@ -121,24 +122,26 @@ class Svr(LearnedCost):
 
         Args:
             data: at least 20 points.
-            C: price of an error beyond the tube [points].
-            epsilon: half the width of the tube [points]: half of that gives twice the support
-                vectors.
-            gamma: of the kernel, in units of the fitted relevances. A support vector machine wants
-                narrower kernels than the Gaussian process that the relevances come from.
-            seed: of the random part of the data that the length scales are fitted to, and of the
-                reduced set.
-            max_vectors: most support vectors; more are reduced to so many, see
-                `ergoqp.costs.reduce`.
-            features: what the kernels see.
-            widths: of the soft steps, in standard deviations of the input (dimensionless). Narrow
-                steps alone predict best, but between two of them the cost is flat and leads
-                nowhere. The default was chosen by where plain descent ends.
-            shares: share of each width, adding up to 1.
+            C: penalty of an error outside the tube [points].
+            epsilon: half the width of the tube [points]. Half of this value gives twice as
+                many support vectors.
+            gamma: gamma of the kernel, in units of the fitted relevances. A support vector
+                machine needs narrower kernels than the Gaussian process that the relevances
+                come from.
+            seed: seed of the random part of the data that the length scales are fitted to, and
+                of the reduced set.
+            max_vectors: largest number of support vectors. If there are more, they are reduced
+                to this number, see `ergoqp.costs.reduce`.
+            features: inputs of the kernels, see `Choice`.
+            widths: widths of the soft steps, in standard deviations of the input
+                (dimensionless). Narrow steps alone predict best, but between two of them the
+                cost is flat and has no useful gradient. The default was chosen by where plain
+                descent ends.
+            shares: share of each width; the sum must be 1.
 
         Raises:
-            ModelError: for too little data, labels that are all the same, or a number out of its
-                range.
+            ModelError: if there are too few points, all labels are the same, or a number is
+                out of its range.
             MissingExtraError: if scikit-learn is not installed.
         """
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
@@ -199,7 +202,7 @@ class Svr(LearnedCost):
         )
 
     def slope(self, x: ca.MX) -> ca.MX:
-        """Return dV/dx (d,), an expression: the kernels' own slope, through the features."""
+        """Return dV/dx (d,), an expression: the slope of the kernels, through the features."""
         seen = self.features.expression(x)
         return ca.jtimes(seen, x, self.model.slope(seen), True)
 
@@ -219,7 +222,7 @@ class Svr(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
+        """Return the cost with these `parts`. The arrays must have the same shapes."""
         reduction = settings["reduction"]
         if reduction is not None:
             reduction = Reduction(**reduction)
@@ -233,7 +236,7 @@ class Svr(LearnedCost):
 def _candidates(
     data: DataSet, choice: Choice, widths: Sequence[float], shares: Sequence[float]
 ) -> list[Columns | Steps]:
-    """Return the features to choose from."""
+    """Return the sets of features to choose from."""
     varied = tuple(np.flatnonzero(np.ptp(data.points, axis=0) > 0).tolist())
     if not varied:
         raise ModelError("svr: got the same point everywhere, allowed different points")
@@ -252,9 +255,9 @@ def _candidates(
 def _metric(
     candidates: Sequence[Columns | Steps], data: DataSet, seed: int
 ) -> tuple[Columns | Steps, Array]:
-    """Return the features that make the data most likely, without the silent ones.
+    """Return the features that make the data most likely, and the scale of each.
 
-    Also return the scale of each.
+    Features that do not matter are left out.
     """
     best, scale, lowest = candidates[0], np.empty(0), np.inf
     for features in candidates:

@@ -1,1 +1,1 @@
-"""Labelled postures: drawn, streamed, on disk, from tables; and how well a cost predicts them."""
+"""Labelled postures: drawn at random, streamed, on disk, and from tables."""

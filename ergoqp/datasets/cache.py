@@ -1,4 +1,4 @@
-"""Data sets on disk: what takes long is made once, and found again by what was asked for."""
+"""Data sets in the user's cache: made once, and found again by the arguments that made them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ergoqp.files.cache import CacheEntry, digest_of
 def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]) -> DataSet:
     """Return a data set from the user's cache, or make it and keep it there.
 
-    A file that cannot be read is ignored and written anew.
+    A file that cannot be read is ignored and replaced.
 
     Args:
-        kind: of data, see `CacheEntry`.
-        asked: all that the data depend on, a version of the code that makes them included; see
-            `digest_of`.
-        make: makes them.
+        kind: kind of data, see `CacheEntry`.
+        asked: everything that the data depend on, including a version of the code that makes
+            them; see `digest_of`.
+        make: makes the data.
     """
     entry = CacheEntry(kind, digest_of(asked))
     kept = entry.read(("points", "labels", "coordinates", "source"))

@@ -1,4 +1,4 @@
-"""What learned costs are fitted to: points, their labels, and what the columns are."""
+"""The data that learned costs are fitted to: points, their labels, and the names of the columns."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ class DataSet:
     Attributes:
         points: inputs of the model (n, d) [rad or m].
         labels: score of each (n,) [points].
-        coordinates: names of the columns; see `ergoqp.coordinates.Coordinates`.
-        source: what the data are, in a few words.
+        coordinates: names of the columns, see `ergoqp.coordinates.Coordinates`.
+        source: a short description of the data.
 
     Raises:
-        ModelError: at construction, for shapes that do not fit together, or values that are not
-            finite.
+        ModelError: if shapes do not fit together, or a value is not finite.
 
     Example:
         >>> import numpy as np
@@ -41,10 +40,10 @@ class DataSet:
     source: str = "given"
 
     def __post_init__(self) -> None:
-        """Check that rows and columns fit together and that all are numbers.
+        """Check that the shapes fit together and that all values are finite.
 
         Raises:
-            ModelError: naming the row or the shape.
+            ModelError: if not; the message names the row or the shape.
         """
         points, labels = (
             table_of_numbers("points", self.points, ModelError),
@@ -71,28 +70,28 @@ class DataSet:
         object.__setattr__(self, "labels", labels)
 
     def __len__(self) -> int:
-        """Count the points."""
+        """Return the number of points."""
         return len(self.labels)
 
     def part(self, rows: NDArray) -> DataSet:
-        """Return the data set of some rows, given by number (k,) or as a mask (n,)."""
+        """Return the data set of some rows, given as numbers (k,) or as a mask (n,)."""
         return DataSet(self.points[rows], self.labels[rows], self.coordinates, self.source)
 
     def split(self, share: float = 0.8, seed: int = 0) -> tuple[DataSet, DataSet]:
-        """Return two disjoint data sets, the first with a share of the rows, at random."""
+        """Return two disjoint data sets, drawn at random; the first has this share of the rows."""
         order = np.random.default_rng(seed).permutation(len(self))
         cut = round(share * len(self))
         return self.part(order[:cut]), self.part(order[cut:])
 
     def require(self, least: int, what: str) -> None:
-        """Check that a model can be fitted at all.
+        """Check that there are enough data to fit a model.
 
         Args:
-            least: fewest points that do.
-            what: is to be fitted, for the sentence.
+            least: least number of points.
+            what: what is fitted, for the message.
 
         Raises:
-            ModelError: for too few points, or labels that are all the same.
+            ModelError: if there are too few points, or all labels are the same.
         """
         if len(self) < least:
             raise ModelError(f"{what}: got {len(self)} points, allowed at least {least}")

@@ -1,6 +1,6 @@
-"""Data sets of random postures, the same number for every score.
+"""Data sets of random postures with the same number of postures for every score.
 
-The scores are by the sheet or by the EPFL report's simplified rules.
+The scores are those of the sheet, or those of the EPFL report's simplified rules.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from ergoqp.sheets.options import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
 LABELS: Final = ("sheet", "interval")
-"""Who scores the postures: REBA's sheet, or the simplified one of :mod:`ergoqp.sheets.interval`."""
+"""Source of the scores: the REBA sheet, or the simplified one of :mod:`ergoqp.sheets.interval`."""
 
 _VERSION: Final = 1
-"""To be raised when the same seed draws other postures than before."""
+"""Must be increased when the same seed gives other postures than before."""
 
 _BLOCK: Final = 20_000
-"""Postures drawn at once."""
+"""Number of postures drawn at once."""
 
 
 MOST_PER_SCORE: Final = 200_000
-"""Most postures per score kept in memory; more are streamed, see `ergoqp.datasets.stream`."""
+"""Largest number of postures per score in memory. For more, see `ergoqp.datasets.stream`."""
 
 
 def posture_data(
@@ -50,28 +50,31 @@ def posture_data(
     method: Method | None = None,
     **task: Unpack[TaskOptions],
 ) -> DataSet:
-    """Draw labelled postures, as many of each score, in random order.
+    """Draw labelled postures, equally many of each score, in random order.
 
     The same arguments give the same data.
 
-    Every joint that scores is drawn by picking one of its bands uniformly, then uniformly inside,
-    and of these postures as many of each score are kept; see :mod:`ergoqp.datasets.sampler`. Joints
-    that are not drawn are at zero, so that the label depends on the drawn ones alone.
+    For every joint that scores, a band is picked uniformly, then an angle uniformly in the
+    band. Of these postures, equally many of each score are kept, see
+    :mod:`ergoqp.datasets.sampler`. Joints that are not drawn are at zero, so the label depends
+    only on the drawn ones.
 
     Args:
         per_score: postures of each score, at least 1.
         labels: ``"sheet"``, or ``"interval"`` for comparison with the EPFL report.
-        seed: of the draw.
-        joints: those that are drawn: the coordinates of the data.
+        seed: seed of the draw.
+        joints: joints that are drawn; they are the coordinates of the data.
         scores: wanted scores.
-        cache: keep the data on disk, and read them from there when the same are asked for again.
-        progress: told the share that is done.
+        cache: keep the data on disk, and read them from there when the arguments are the same
+            again.
+        progress: called with the share that is done.
         method: how the sheet is read; the default follows the publication.
-        **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+        **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all
+            postures.
 
     Raises:
-        InputError: for an unknown joint or kind of labels, a score that no posture has, or a method
-            or task options with ``"interval"``, which has none.
+        InputError: if a joint or the kind of labels is unknown, no posture has one of the
+            scores, or a method or task options are given with ``"interval"``, which has none.
 
     Example:
         >>> from ergoqp.datasets.postures import posture_data
@@ -126,7 +129,8 @@ def interval_labels(points: ArrayLike, joints: Sequence[str] = REPORT_JOINTS) ->
         joints: names of the columns.
 
     Raises:
-        InputError: for another number of columns, NaN, or an angle beyond +-180 deg.
+        InputError: if the number of columns is wrong, an angle is NaN, or an angle is beyond
+            +-180 deg.
 
     Source:
         EPFL semester report, "Learning ergonomic human-robot interaction".
@@ -153,7 +157,7 @@ def _spread(points: ArrayLike, joints: Sequence[str]) -> NDArray[np.float64]:
 def _sampler(
     labels: str, joints: tuple[str, ...], method: Method | None, task: TaskOptions
 ) -> tuple[BalancedSampler, dict[str, Any]]:
-    """Return the sampler, and everything about the rules that its postures depend on."""
+    """Return the sampler, and all properties of the rules that its postures depend on."""
     if labels == "sheet":
         method = read_method(method)
         rules = {

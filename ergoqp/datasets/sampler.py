@@ -1,9 +1,10 @@
-"""Random postures, the same number for every score: what surrogates are fitted to and judged by.
+"""Random postures with the same number for every score, to fit and to test costs.
 
-Low scores are rare: with every joint drawn from a random band, REBA 1 comes up about once in 40 000
-draws. Waiting for it is not needed. Joints are independent and each is read by one segment, so the
-law of the drawn bands is a finite table; the score splits that table, and drawing from the part
-with the wanted score gives exactly the postures that rejection would keep.
+Low scores are rare: if every joint is drawn from a random band, REBA 1 occurs about once in 40
+000 draws. Rejection sampling is not needed. Joints are independent and each is read by one
+segment, so the probabilities of the drawn bands are a finite table. The score divides that
+table into parts. Drawing from the part with the wanted score gives exactly the postures that
+rejection would keep.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ergoqp.sheets.options import Method, check_by_joint, read_method, sheet_of
 from ergoqp.sheets.task import Task, TaskOptions, read_task
 
 _CLEAR: Final = 2 * TIE
-"""Drawn angles keep this far from band ends, so that a tie rule never decides [rad]."""
+"""Drawn angles keep this distance from band ends, so that the tie rule never matters [rad]."""
 
 
 def balanced_postures(
@@ -39,22 +40,24 @@ def balanced_postures(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Draw postures with equally many of each score of the sheet.
 
-    Every joint that scores is drawn by picking one of its bands uniformly (clipped to the joint's
-    range), then uniformly inside; the others uniformly in their range; kept are the wanted scores.
+    For every joint that scores, a band is picked uniformly (clipped to the range of the
+    joint), then an angle uniformly in the band. All other joints are drawn uniformly in their
+    range. The postures with the wanted scores are kept.
 
     Args:
         per_score: postures of each score, at least 1.
         rng: source of randomness; the same state gives the same postures.
         method: how the sheet is read; the default follows the publication.
         scores: wanted scores.
-        joints: names of those that are drawn, the others are zero; None: all.
-        **options: of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+        joints: names of the joints that are drawn, the others are zero; None: all.
+        **options: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for
+            all postures.
 
     Returns:
         Postures, shape (n, 32) [rad], in random order, and their scores, shape (n,).
 
     Raises:
-        InputError: for a score that no posture has under these options.
+        InputError: if no posture has one of the scores under these options.
     """
     return sheet_sampler(method, joints, **options).draw(per_score, rng, scores)
 
@@ -64,9 +67,9 @@ def sheet_sampler(
     joints: Sequence[str] | None = None,
     **options: Unpack[TaskOptions],
 ) -> BalancedSampler:
-    """Return the sampler of :func:`balanced_postures`, for drawing many times.
+    """Return the sampler of :func:`balanced_postures`, to draw many times.
 
-    The tables are worked out once.
+    Its tables are computed only once.
     """
     method = read_method(method)
     check_by_joint(method, "balanced_postures")
@@ -76,7 +79,7 @@ def sheet_sampler(
 
 
 def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
-    """Return a sampler of the simplified sheet in its own ranges.
+    """Return a sampler of the simplified sheet, in the ranges of that sheet.
 
     See :mod:`ergoqp.sheets.interval`.
     """
@@ -90,16 +93,17 @@ class BalancedSampler:
     """Draws postures of wanted scores.
 
     Args:
-        sheet: with its bands and tables.
+        sheet: the sheet with its bands and tables.
         task: options, one value for all postures.
-        arms: the worse arm as a ``"whole"``, or the worse of both in each of the ``"segments"``.
+        arms: ``"whole"``: the worse arm counts; ``"segments"``: the worse of both arms in each
+            segment.
         final_max: highest final score.
-        lower: of each joint, shape (32,) [rad].
-        upper: of each joint.
-        joints: names of those that are drawn, the others are zero; None: all.
+        lower: lower end of each joint, shape (32,) [rad].
+        upper: upper end of each joint, shape (32,) [rad].
+        joints: names of the joints that are drawn, the others are zero; None: all.
 
     Raises:
-        InputError: for a name that is no joint.
+        InputError: if a name is not a joint.
     """
 
     def __init__(
@@ -112,7 +116,7 @@ class BalancedSampler:
         upper: NDArray[np.float64],
         joints: Sequence[str] | None = None,
     ) -> None:
-        """Work out the law of the drawn bands."""
+        """Compute the probabilities of the drawn bands."""
         names = JOINTS if joints is None else tuple(joints)
         unknown = [name for name in names if name not in INDEX]
         if unknown:
@@ -138,7 +142,8 @@ class BalancedSampler:
             Postures, shape (n, 32) [rad], in random order, and their scores, shape (n,).
 
         Raises:
-            InputError: for a number below 1, or a score that no posture has.
+            InputError: if `per_score` is below 1, no score is given, or no posture has one of
+                the scores.
         """
         if per_score < 1:
             raise InputError(f"per_score: got {per_score}, allowed: 1 or more")
@@ -156,7 +161,7 @@ class BalancedSampler:
 
 @dataclass(frozen=True, eq=False)
 class _Bands:
-    """The bands of one segment on one side, all combinations, sorted by the segment's score.
+    """The bands of one segment on one side: all combinations, sorted by the score of the segment.
 
     Attributes:
         joints: indices of the m joints.
@@ -175,10 +180,10 @@ class _Bands:
 
 @dataclass(frozen=True, eq=False)
 class _Law:
-    """The law of the drawn bands: a table of all combinations of segment scores.
+    """The probabilities of the drawn bands: a table of all combinations of segment scores.
 
     Attributes:
-        bands: per segment and side.
+        bands: bands per segment and side.
         scores: segment scores of each cell, shape (cells, segments and sides).
         chance: probability of each cell.
         final: final score of each cell.
@@ -246,7 +251,7 @@ def _bands(
             joints.append(joint)
             choices.append(_choices(step.edges, lower[joint], upper[joint]))
     ends = np.array(list(itertools.product(*choices)))  # (combinations, joints, 2)
-    # The exact reading says what a combination scores: no rule is written twice.
+    # The exact score of a combination is computed from the sheet, so no rule is written twice.
     angles = np.zeros((len(JOINTS), len(ends)))
     angles[joints] = ends.mean(axis=2).T
     score = score_segment(segment, angles, task, side)
@@ -256,7 +261,7 @@ def _bands(
 
 
 def _choices(edges: Sequence[float], lower: float, upper: float) -> list[tuple[float, float]]:
-    """Return a joint's bands as (lowest, highest) drawn angle; its one value if it has no range."""
+    """Return a joint's bands as (lowest, highest) drawn angle; one value if it has no range."""
     if lower == upper:
         return [(lower, upper)]
     ends = np.clip([lower, *edges, upper], lower, upper)

@@ -1,4 +1,4 @@
-"""Endless labelled postures in blocks: for costs that learn from more than memory should hold."""
+"""An endless stream of labelled postures in blocks, for costs that need very many."""
 
 from __future__ import annotations
 
@@ -31,24 +31,25 @@ def posture_stream(
 
     The postures are as in :func:`ergoqp.datasets.postures.posture_data`.
 
-    With `taus_deg` the label is the sheet's score of the posture as a noisy sensor might have seen
-    it: every joint that is drawn is off by tau times logistic noise, as in
-    :class:`ergoqp.costs.smooth_reba.SmoothReba`. The mean label at a posture is then its expected
-    score, which slopes toward band ends instead of being constant between them.
+    With `taus_deg` the label is the sheet's score of the posture with sensor noise: tau times
+    logistic noise is added to every joint that is drawn, as in
+    :class:`ergoqp.costs.smooth_reba.SmoothReba`. The mean label at a posture is then its
+    expected score. It has a slope toward band ends instead of being constant between them.
 
     Args:
         rng: source of randomness.
-        joints: those that are drawn; the others are at zero.
-        scores: of the postures, as many of each.
+        joints: joints that are drawn; the others are at zero.
+        scores: scores of the postures, equally many of each.
         per_score: postures of each score in a block.
-        taus_deg: scales of the noise [deg], of which one is drawn per posture; none: no noise.
+        taus_deg: scales of the noise [deg]; one is drawn per posture; none: no noise.
         weights: share of each scale.
         method: how the sheet is read; the default follows the publication.
-        **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+        **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all
+            postures.
 
     Raises:
-        InputError: for an unknown joint, a score that no posture has, or scales and weights that do
-            not fit together.
+        InputError: if a joint is unknown, no posture has one of the scores, or scales and
+            weights do not fit together.
 
     Example:
         >>> import numpy as np
@@ -78,8 +79,8 @@ def posture_stream(
         if taus.size:
             tau = np.radians(rng.choice(taus, size=(len(points), 1), p=shares))
             seen = points + tau * rng.logistic(scale=0.5, size=points.shape)
-            # Noise may leave +-180 deg, where the sheet's outer bands go on but angles are
-            # suspected to be degrees.
+            # Noise may exceed +-180 deg. The outer bands of the sheet continue there, but such
+            # angles would be rejected as degrees.
             labels = reba.assess(
                 coordinates.spread(np.clip(seen, -np.pi, np.pi)), method, **task
             ).final

@@ -1,4 +1,4 @@
-"""Labelled postures from one's own table: a CSV file with joint names as columns, and the score."""
+"""Labelled postures from a user's table: a CSV file with joint names as columns, and the score."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCORE: Final = "score"
 """Name of the column with the labels."""
 
 MOST_POINTS: Final = 15
-"""Most points that the sheet gives; other scales are brought to it before.
+"""Highest score of the sheet. Other scales must be converted to it before.
 
 All thresholds of a loop are in points.
 """
@@ -26,14 +26,14 @@ _DEGREES: Final = "_deg"
 
 
 def read_data(path: Path | str) -> DataSet:
-    """Read a data set: one row per posture, a header, one column ``score``.
+    """Read a data set from a CSV file: a header, one row per posture, one column ``score``.
 
-    The other columns are joints by their names in `ergoqp.JOINTS` (radians), the same with ``_deg``
-    at the end (degrees), or the six coordinates of the forearm (metres), in any order and any
-    number.
+    The other columns are joints with their names in `ergoqp.JOINTS` (radians), the same names
+    with ``_deg`` at the end (degrees), or the six coordinates of the forearm (metres). Their
+    order and number are free.
 
     Raises:
-        ModelError: naming the column or the line that cannot be read.
+        ModelError: if a column or line cannot be read; the message names it.
 
     Example:
         >>> import tempfile

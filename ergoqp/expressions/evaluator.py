@@ -1,4 +1,4 @@
-"""CasADi functions called on NumPy arrays through their buffers: no conversion, no hidden copy."""
+"""CasADi functions called on NumPy arrays through their buffers, without conversions and copies."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ Array = NDArray[np.float64]
 
 
 class Evaluator:
-    """A CasADi function with arrays of its own, to be called often.
+    """A CasADi function with its own arrays, for frequent calls.
 
-    In a loop: write into `inputs`, call `evaluate`, read `results` or `outputs`, which the next
-    call overwrites. Elsewhere: call the whole.
+    In a loop: write to `inputs`, call `evaluate`, read `results` or `outputs`. The next call
+    overwrites them. Elsewhere: call the object.
 
-    Matrices lie column by column, as CasADi has them; of a sparse one there are the nonzeros.
+    Matrices are stored column by column, as in CasADi. Of a sparse matrix only the nonzeros
+    are stored.
 
     Attributes:
-        inputs: what the function reads, by name.
-        results: all that it writes, output after output.
-        slices: of `results`, by the output's name.
+        inputs: inputs of the function, by name.
+        results: all outputs, one after the other.
+        slices: slices of `results`, by the name of the output.
         outputs: views of `results`, by name.
-        evaluate: calls the function; whoever keeps it keeps this object too, whose memory it uses.
+        evaluate: calls the function. It uses the memory of this object, so keep this object
+            too.
     """
 
     def __init__(self, function: ca.Function) -> None:
-        """Reserve the arrays once."""
+        """Allocate the arrays."""
         self._function = function
         self.inputs = {
             name: np.zeros(function.nnz_in(i)) for i, name in enumerate(function.name_in())
@@ -45,16 +47,16 @@ class Evaluator:
         self._buffer, self.evaluate = _bound(function, self.inputs.values(), self.outputs.values())
 
     def stats(self) -> dict[str, Any]:
-        """Return what the function tells of its last call."""
+        """Return CasADi's statistics of the last call."""
         return self._buffer.stats()
 
     def __call__(self, values: Mapping[str, Array | float]) -> dict[str, Array]:
         """Return the results of a dense function by name, matrices in their shape, columns flat.
 
-        They are the caller's own.
+        They are copies that belong to the caller.
 
         Args:
-            values: by the input's name; further ones are not looked at.
+            values: inputs by name; other names are ignored.
         """
         for name, array in self.inputs.items():
             array[:] = np.ravel(values[name], order="F")
@@ -70,11 +72,11 @@ class Evaluator:
 
 
 def evaluated_once(function: ca.Function, given: Array) -> Array:
-    """Return the only result of a function, flat; its only input is read where it lies.
+    """Return the only result of a function, flat. Its only input is not copied.
 
     Args:
-        function: of one input.
-        given: contiguous, the input column by column.
+        function: a function of one input.
+        given: the input, contiguous, column by column.
     """
     result = np.empty(function.nnz_out(0))
     _, call = _bound(function, (given,), (result,))
@@ -86,7 +88,7 @@ def _bound(
     function: ca.Function, inputs: Iterable[Array], outputs: Iterable[Array]
 ) -> tuple[ca.FunctionBuffer, Any]:
     buffer, call = function.buffer()
-    # CasADi's stubs ask for a length, which these do not take.
+    # CasADi's stubs require a length, but these methods do not take one.
     for i, array in enumerate(inputs):
         buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
     for i, array in enumerate(outputs):

@@ -1,6 +1,6 @@
 """Small linear algebra as scalar expressions.
 
-It is for matrices whose structure CasADi's general routines would not use.
+It is for matrices with a structure that CasADi's general routines would not use.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ Expression = TypeVar("Expression", ca.SX, ca.MX)
 
 
 Shape = Callable[[ca.Function], ca.Function]
-"""How a function is written: `vectors` or `scalars`."""
+"""How a function is expressed: `vectors` or `scalars`."""
 
 
 def vectors(function: ca.Function) -> ca.Function:
-    """Return a function as it is, of vectors and matrices: best for an interpreter."""
+    """Return a function unchanged, in vectors and matrices: best for an interpreter."""
     return function
 
 
 def scalars(function: ca.Function) -> ca.Function:
-    """Return the same function with every operation on its own: best for a compiler.
+    """Return the same function as single scalar operations: best for a compiler.
 
-    What is equal is computed once.
+    Equal subexpressions are computed once.
     """
     inputs = [
         ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())
@@ -41,10 +41,9 @@ def scalars(function: ca.Function) -> ca.Function:
 
 
 def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]:
-    """Return what a function gives; one of matrices is written out instead of called.
+    """Return the outputs of a function; a function of matrices is inlined instead of called.
 
-    An interpreter copies what goes into a call and what comes out of it; a function of scalars
-    stays a call.
+    An interpreter copies the inputs and outputs of a call. A function of scalars stays a call.
     """
     return function.call(
         [ca.MX(argument) for argument in arguments], function.is_a("MXFunction"), False
@@ -54,12 +53,12 @@ def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]
 def by_name(
     function: ca.Function, known: Mapping[str, Any], written: bool = False
 ) -> dict[str, ca.MX]:
-    """Return what a function gives for what is known, both by the names of the function.
+    """Return the outputs of a function by name, for inputs by name.
 
     Args:
-        function: with named inputs and outputs.
-        known: its inputs among others.
-        written: write a function of matrices out, see `written_out`.
+        function: function with named inputs and outputs.
+        known: values by name, among them its inputs.
+        written: inline a function of matrices, see `written_out`.
     """
     given = [known[name] for name in function.name_in()]
     found: Any = written_out(function, *given) if written else function.call(given)
@@ -67,30 +66,30 @@ def by_name(
 
 
 def once(expressions: list[ca.MX]) -> list[ca.MX]:
-    """Return the same expressions, with what is equal in them computed once."""
+    """Return the same expressions, with equal subexpressions computed once."""
     return cast("list[ca.MX]", ca.cse(expressions))
 
 
 def dense(parts: Sequence[ca.SX]) -> list[ca.SX]:
-    """Return expressions with their structural zeros written out.
+    """Return expressions with their structural zeros stored.
 
-    Functions that exchange plain arrays need them so.
+    Functions that exchange plain arrays need this.
     """
     return [ca.densify(ca.SX(part)) for part in parts]
 
 
 def is_set(flag: Any) -> Any:
-    """Return whether a flag is set: 0 or 1, or nearer to one of them whatever it came through."""
+    """Return whether a flag, 0 or 1 up to rounding, is set."""
     return flag > 0.5
 
 
 def largest(values: Expression, of_none: float = 0.0) -> Expression:
-    """Return the largest entry, or `of_none` where there is no entry."""
+    """Return the largest entry, or `of_none` if there is no entry."""
     return ca.mmax(values) if values.numel() else type(values)(of_none)
 
 
 def smallest(values: Expression, of_none: float = 0.0) -> Expression:
-    """Return the smallest entry, or `of_none` where there is no entry."""
+    """Return the smallest entry, or `of_none` if there is no entry."""
     return ca.mmin(values) if values.numel() else type(values)(of_none)
 
 
@@ -104,7 +103,7 @@ def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:
 def spd_inverse(matrix: ca.SX) -> ca.SX:
     """Return the inverse of a symmetric positive definite matrix by Cholesky.
 
-    Only the lower triangle of the matrix is read.
+    Only the lower triangle of the matrix is used.
     """
     n = matrix.shape[0]
     root, inverse = ca.SX(n, n), ca.SX(n, n)

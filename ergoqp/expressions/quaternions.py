@@ -1,4 +1,4 @@
-"""Rotations as quaternions, and poses in files: metres and a quaternion, x, y, z, w."""
+"""Rotations as quaternions, and poses in files: metres and a quaternion x, y, z, w."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def pose_as_dict(pose: np.ndarray) -> dict[str, list[float]]:
 
 
 def pose_from_dict(values: Mapping[str, Any]) -> np.ndarray:
-    """Return the pose (4, 4) [m] of `pose_as_dict`.
+    """Return the pose (4, 4) [m] from the result of `pose_as_dict`.
 
     Raises:
-        KeyError, TypeError, ValueError: if it is not one.
+        KeyError, TypeError, ValueError: if it does not describe a pose.
     """
     position, quaternion = (
         np.array(values[name], dtype=float) for name in ("position_m", "quaternion_xyzw")

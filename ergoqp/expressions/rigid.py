@@ -1,4 +1,4 @@
-"""Rigid motion as expressions: turns by a rotation vector, and the one reader of outside poses."""
+"""Rigid motions as expressions: rotation by a rotation vector, and the check of a user's poses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ergoqp.errors import InputError
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
     """Return `pose` (4, 4) moved by a world-aligned displacement (6,).
 
-    It stays orthonormal for any number of moves.
+    The rotation stays orthonormal for any number of moves.
     """
     moved = shifted(pose, displacement)
     moved[:3, :3] = _straightened(moved[:3, :3])
@@ -23,9 +23,9 @@ def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
 
 
 def shifted(pose: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return `pose` (4, 4) shifted and turned by a world-aligned displacement (6,).
+    """Return `pose` (4, 4) shifted and rotated by a world-aligned displacement (6,).
 
-    The first three of the displacement shift, its last three turn.
+    The first three entries of the displacement shift the pose, the last three rotate it.
 
     The rotation is the exact exponential.
     """
@@ -36,7 +36,7 @@ def shifted(pose: ca.SX, displacement: ca.SX) -> ca.SX:
 
 
 def turned(turn: ca.SX, vectors: ca.SX) -> ca.SX:
-    """Return vectors (3, n) turned by a rotation vector (3,) [rad]."""
+    """Return vectors (3, n) rotated by a rotation vector (3,) [rad]."""
     angle = ca.sqrt(ca.sumsqr(turn) + 1e-30)
     cross = ca.skew(turn)
     rotation = (
@@ -48,12 +48,12 @@ def turned(turn: ca.SX, vectors: ca.SX) -> ca.SX:
 
 
 def rotation_error(rotation: ca.SX) -> ca.SX:
-    """Return how far a 3 x 3 matrix is from a rotation: the largest entry of R'R - I.
+    """Return the distance of a 3 x 3 matrix from a rotation: the largest entry of R'R - I.
 
-    It is 2 for a mirror and for NaN.
+    It is 2 for a reflection and for NaN.
     """
     apart = ca.mmax(ca.fabs(ca.reshape(rotation.T @ rotation - ca.SX.eye(3), 9, 1)))
-    # mmax drops NaN; a determinant keeps it, and NaN is not above zero either.
+    # mmax ignores NaN, but the determinant is then NaN, which is not above zero.
     return ca.if_else(ca.det(rotation) > 0, apart, 2.0)
 
 
@@ -66,25 +66,25 @@ def is_rigid(pose: ca.SX) -> ca.SX:
 
 
 def normalised(pose: ca.SX) -> ca.SX:
-    """Return the rigid motion (4, 4) that is nearest to one which `is_rigid`, to rounding."""
+    """Return the nearest rigid motion (4, 4) to a matrix that `is_rigid`, up to rounding."""
     bottom = ca.SX([[0, 0, 0, 1]])
-    # From 1e-3 to 4e-7 to 1e-13.
+    # Two steps reduce the error from 1e-3 to 4e-7 to 1e-13.
     return ca.vertcat(ca.horzcat(_straightened(_straightened(pose[:3, :3])), pose[:3, 3]), bottom)
 
 
 def read_pose(what: str, value: Any) -> np.ndarray:
-    """Return a user's pose (4, 4) as the control step reads it: see `is_rigid`, `normalised`.
+    """Return a user's pose (4, 4) for the control step, see `is_rigid` and `normalised`.
 
     Args:
-        what: it is, for the message.
-        value: anything.
+        what: name of the value, for the message.
+        value: the value, of any type.
 
     Raises:
         InputError: if it is not a rigid motion within 100 m.
     """
     try:
         pose = np.array(unmasked(value), dtype=float)
-    except Exception:  # not an array, whatever it is
+    except Exception:  # not an array
         raise InputError(f"{what}: got {shown(value)}, allowed a pose (4, 4)") from None
     if pose.shape != (4, 4):
         raise InputError(f"{what}: got shape {pose.shape}, allowed a pose (4, 4)")
@@ -116,5 +116,5 @@ def _what_is_wrong(pose: np.ndarray) -> str:
 
 
 def _straightened(rotation: ca.SX) -> ca.SX:
-    """One Newton step toward the nearest rotation."""
+    """Return the rotation after one Newton step toward the nearest rotation."""
     return 1.5 * rotation - 0.5 * rotation @ (rotation.T @ rotation)

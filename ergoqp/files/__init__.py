@@ -1,1 +1,1 @@
-"""Files that anybody may have written, and files that are written whole."""
+"""Reading files of unknown origin, and writing files as a whole."""

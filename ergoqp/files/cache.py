@@ -1,4 +1,4 @@
-"""Arrays in the user's cache: made once, and found again by all that they depend on."""
+"""Arrays in the user's cache: made once, and found again by everything that they depend on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ergoqp.paths import cache_folder
 
 
 def digest_of(content: Any) -> str:
-    """Return a short text that stands for numbers, texts, arrays, lists and dicts of them."""
+    """Return a short hash of numbers, texts, arrays, and lists and dicts of them."""
     text = json.dumps(content, sort_keys=True, default=lambda value: np.asarray(value).tolist())
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -30,8 +30,8 @@ class CacheEntry:
     """Arrays by name, in one file below :func:`ergoqp.paths.cache_folder`.
 
     Attributes:
-        kind: of content, names the folder.
-        key: see `digest_of`; a version of the code that makes the content belongs to it.
+        kind: kind of content; it is the name of the folder.
+        key: from `digest_of`. It must include a version of the code that makes the content.
     """
 
     kind: str
@@ -39,18 +39,18 @@ class CacheEntry:
 
     @property
     def path(self) -> Path:
-        """Where it is kept."""
+        """Path of the file."""
         return cache_folder() / self.kind / f"{self.key}.npz"
 
     def read(self, names: Collection[str]) -> dict[str, NDArray] | None:
-        """Return the arrays of these names; None: they are not there, or cannot be read."""
+        """Return the arrays with these names, or None if they are not there or cannot be read."""
         try:
             return read_npz(self.path, names)
         except ErgoqpError:
             return None
 
     def write(self, **arrays: Any) -> None:
-        """Keep the arrays; a folder that cannot be written to only means no cache."""
+        """Keep the arrays. If the folder cannot be written to, nothing is kept."""
         path = self.path
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)

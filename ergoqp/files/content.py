@@ -1,4 +1,4 @@
-"""What a thing is made of, as plain values: for keys of what was computed from it."""
+"""The contents of objects as plain values, for keys of results that depend on them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 
 def content_of(value: Any) -> Any:
-    """Return numbers, texts and lists that are the same for what is made of the same.
+    """Return numbers, texts and lists that are equal for objects with equal contents.
 
-    A dataclass is its name and its fields, however deep; an object that is none is known by the
-    name of its class alone.
+    A dataclass becomes its name and its fields, recursively. Any other object becomes the name
+    of its class only.
     """
     if value is None or isinstance(value, (bool, int, float, str)):
         return value

@@ -1,6 +1,6 @@
-"""Arrays from npz files that anybody may have made.
+"""Arrays from npz files of unknown origin.
 
-What they claim to hold is looked at before anything is allocated.
+The sizes that a file declares are checked before anything is allocated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import ModelError
 
 LARGEST: Final = 300_000_000
-"""All arrays of a file together, unpacked, are at most so large [bytes]."""
+"""Largest total size of all arrays of a file, unpacked [bytes]."""
 
 _UNREADABLE: Final = (
     ValueError,
@@ -34,20 +34,21 @@ _UNREADABLE: Final = (
     MemoryError,
     OverflowError,
     SyntaxError,
-    RecursionError,  # of a header that is no header
-    RuntimeError,  # a zip that says it is encrypted, or packed in a way that Python does not know
+    RecursionError,  # from a header that is not valid
+    RuntimeError,  # an encrypted zip, or a compression that Python does not know
 )
 
 
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray]:
-    """Return the arrays of a file, by name; no pickle, no objects.
+    """Return the arrays of a file, by name, without pickle and objects.
 
     Args:
-        path: of the file.
-        names: those that must be there; None: whatever is.
+        path: path of the file.
+        names: arrays that must be there; None: no requirement.
 
     Raises:
-        ModelError: if there is no such file, it is none, was cut, or claims more than `LARGEST`.
+        ModelError: if the file does not exist, is not an npz file, is truncated, or declares
+            more than `LARGEST`.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -80,7 +81,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
 
 
 def _read(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray:
-    """Return one array, if its header and its size are of one mind."""
+    """Return one array, if its header fits its size."""
     with packed.open(entry) as file:
         version = npy.read_magic(file)
         read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[

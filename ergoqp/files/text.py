@@ -1,6 +1,6 @@
-"""Text files that anybody may have written: TOML and JSON.
+"""Text files of unknown origin: TOML and JSON.
 
-Every way of being none is told in one sentence.
+Every fault of a file gives an error of one sentence.
 """
 
 from __future__ import annotations
@@ -14,50 +14,50 @@ from typing import Any, Final
 from ergoqp.errors import InputError
 
 LARGEST_TOML: Final = 1_000_000
-"""No file that a person writes is larger [bytes]."""
+"""Largest size of a file that a user writes [bytes]."""
 
 LARGEST_JSON: Final = 100_000_000
-"""Nor one that the package writes [bytes]."""
+"""Largest size of a file that the package writes [bytes]."""
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
     Args:
-        path: of the file.
-        what: it is, for the message.
+        path: path of the file.
+        what: what the file is, for the message.
 
     Raises:
-        InputError: if it is not there, not a file, too large, or not TOML.
+        InputError: if it does not exist, is not a file, is too large, or is not TOML.
     """
     text = _text(path, what, LARGEST_TOML)
     try:
         return tomllib.loads(text)
     except RecursionError:
         why = "tables within tables without end"
-    except ValueError as error:  # TOML that is none, and numbers of thousands of digits
+    except ValueError as error:  # invalid TOML, and numbers with thousands of digits
         why = str(error)
     raise InputError(f"{what}: {path.name}: not a TOML file: {why}, allowed TOML")
 
 
 def read_json(path: Path, what: str) -> Any:
-    """Return what a JSON file holds, without NaN.
+    """Return the contents of a JSON file, without NaN.
 
     Args:
-        path: of the file.
-        what: it is, for the message.
+        path: path of the file.
+        what: what the file is, for the message.
 
     Raises:
-        InputError: if it is not there, not a file, too large, or not JSON.
+        InputError: if it does not exist, is not a file, is too large, or is not JSON.
     """
     return json_of(_text(path, what, LARGEST_JSON), f"{what}: {path.name}")
 
 
 def json_of(text: str, what: str) -> Any:
-    """Return what a JSON text holds, without NaN.
+    """Return the contents of a JSON text, without NaN.
 
     Raises:
-        InputError: if it is none.
+        InputError: if it is not JSON.
     """
     try:
         return json.loads(text, parse_constant=_constant)
@@ -77,7 +77,7 @@ def _constant(name: str) -> float:
 def _text(path: Path, what: str, largest: int) -> str:
     try:
         found = path.stat()
-        # Opening a pipe or a device would wait for someone to write.
+        # Opening a pipe or a device could block.
         if not stat.S_ISREG(found.st_mode):
             raise InputError(
                 f"{what}: {path.name}: is {'a directory' if path.is_dir() else 'no file'}, allowed"

@@ -1,6 +1,6 @@
-"""Files that are there whole or not at all.
+"""Files that are written completely or not at all.
 
-Whoever reads one never finds half of it, whatever ended the writing.
+A reader never finds a part of a file, even if the writing is interrupted.
 """
 
 from __future__ import annotations
@@ -20,21 +20,20 @@ _COUNT = itertools.count()
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a file to write to instead of `path`, in the same folder.
+    """Yield a temporary file in the same folder as `path`, to write to.
 
-    It takes the place of `path` in one move.
+    Afterwards it replaces `path` in one move.
 
-    If the writing fails the new file is gone, and what was there before is still there.
+    If the writing fails, the temporary file is deleted and the old file stays.
 
     Args:
-        path: of the file that is to be there afterwards; what a link leads to is written, not the
-            link.
+        path: path of the final file. A link is followed: its target is replaced, not the link.
 
     Raises:
-        OSError: naming `path`, if it cannot be written.
+        OSError: if it cannot be written; the message names `path`.
     """
     target = path.resolve()
-    # The ending stays: some writers add their own to a name without it.
+    # Keep the ending, because some writers append their own to a name without it.
     scratch = target.with_name(f"{_own_name()}{target.suffix[-20:]}")
     try:
         yield scratch
@@ -49,22 +48,22 @@ def whole(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """Give a folder to fill instead of `folder`, beside it.
+    """Yield a temporary folder near `folder`, to fill.
 
-    What is in it takes its place when all of it is there.
+    Afterwards its contents are moved to `folder`, where they replace files of the same names.
 
-    A folder that is there already keeps what else it holds. If the filling fails, or what is there
-    stands in the way, nothing has changed.
+    A folder that exists already keeps its other contents. If the filling fails, or an existing
+    file or folder is in the way, nothing changes.
 
     Args:
-        folder: that is to hold the files afterwards.
+        folder: path of the final folder.
 
     Raises:
-        OSError: naming `folder`, if they cannot be written.
+        OSError: if it cannot be written; the message names `folder`.
     """
     target = folder.resolve()
-    # Within what is there already: it may be another disk than the folder around it, or the only
-    # one that can be written.
+    # Inside the folder if it exists: it may be on another disk than its parent, or the only
+    # place that can be written to.
     scratch = (target if target.exists() else target.parent) / _own_name()
     try:
         scratch.mkdir(parents=True)
@@ -92,7 +91,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def _own_name() -> str:
-    """Return a name that nobody else writes to, in this process or another."""
+    """Return a name that no other process and no other call uses."""
     return f".ergoqp-{os.getpid()}-{next(_COUNT)}"
 
 
@@ -100,8 +99,8 @@ def write_json(path: Path, values: Any, indent: int = 2) -> None:
     """Write numbers, texts, lists and dicts as JSON, see `whole`.
 
     Raises:
-        OSError: if it cannot be written.
-        ValueError: for a number that is not finite.
+        OSError: if the file cannot be written.
+        ValueError: if a number is not finite.
     """
     write_whole(path, json.dumps(values, indent=indent, ensure_ascii=False, allow_nan=False) + "\n")
 
@@ -109,11 +108,10 @@ def write_json(path: Path, values: Any, indent: int = 2) -> None:
 def write_whole(path: Path, text: str) -> None:
     """Write a text file, see `whole`.
 
-    A file name that is part of the text may hold what no encoding can write: a question mark stands
-    for it.
+    Characters that UTF-8 cannot encode, for example in a file name, become question marks.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
     with whole(path) as scratch:
         scratch.write_text(text, encoding="utf-8", errors="replace")

@@ -1,4 +1,4 @@
-"""The body: its segments, its scaling to a person, and its kinematics as expressions."""
+"""The body: its segments, scaling to a person, and kinematics as expressions."""
 
 from ergoqp.human.body import FRACTIONS as FRACTIONS
 from ergoqp.human.body import Body as Body

@@ -1,4 +1,4 @@
-"""One person's body: ``models/human.xml`` scaled by stature or by measured segment lengths."""
+"""The body of a person: ``models/human.xml`` scaled by stature or measured segment lengths."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ FRACTIONS: Final[dict[str, float]] = {
 }
 """Lengths of segments, as shares of the stature.
 
-``trunk`` runs from the middle of the hip centres to the base of the neck, ``shoulder_height`` to
-the height of the shoulder centres. The two widths are between joint centres, and narrower than the
-outer widths of Winter.
+``trunk`` is measured from the middle of the hip centres to the base of the neck,
+``shoulder_height`` from the same point to the height of the shoulder centres. The two widths
+are between joint centres, so they are smaller than the outer widths of Winter.
 
 Source:
     Drillis and Contini (1966), as in figure 4.1 of Winter.
@@ -45,10 +45,10 @@ Example:
 """
 
 NOMINAL_STATURE: Final = 1.75
-"""Stature of ``models/human.xml`` as written [m]."""
+"""Stature of the unscaled ``models/human.xml`` [m]."""
 
 NOMINAL_MASS: Final = 70.0
-"""Mass of ``models/human.xml`` as written [kg]."""
+"""Mass of the unscaled ``models/human.xml`` [kg]."""
 
 STATURE_RANGE: Final = (1.2, 2.3)
 """Statures that are accepted [m]."""
@@ -57,9 +57,9 @@ MASS_RANGE: Final = (20.0, 300.0)
 """Masses that are accepted [kg]."""
 
 BELIEVABLE: Final = (0.6, 1.6)
-"""Shortest and longest segment of a person, over the one of average proportions."""
+"""Shortest and longest allowed segment, as a multiple of one of average proportions."""
 
-# What scales the x, y and z offsets of everything that is attached to a body of the model.
+# Scales of the x, y and z offsets of everything that is attached to a body of the model.
 _SCALED_BY: Final[dict[str, tuple[str, str, str]]] = {
     "pelvis": ("girth", "hip_width", "girth"),
     "trunk_twist": ("girth", "shoulder_width", "trunk"),
@@ -76,15 +76,16 @@ _SCALED_BY: Final[dict[str, tuple[str, str, str]]] = {
 
 @dataclass(frozen=True)
 class Body:
-    """A person's body: segment lengths, mass, and the MuJoCo model made from them.
+    """The body of a person: segment lengths, mass, and the MuJoCo model made from them.
 
     Attributes:
         stature: standing height [m].
-        lengths: length of every segment of `FRACTIONS` [m].
-        mass: body mass [kg].
+        lengths: length of every segment of `FRACTIONS` [m]. Lengths that are not given follow
+            from the stature.
+        mass: body mass [kg]. 0: that of a normal build for the stature.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Source:
         The segment lengths of an average person are those of Drillis and Contini (1966).
@@ -103,10 +104,10 @@ class Body:
     mass: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers and fill in what was not measured from the stature."""
+        """Check the values, and fill in from the stature those that were not given."""
         low, high = STATURE_RANGE
         if isinstance(self.stature, float):
-            # One that lengths suggest has more digits than anybody asks for.
+            # Show few digits in the message: a stature from measured lengths has many.
             check_number("stature", round(self.stature, 3), low, high, "m")
         check_number("stature", self.stature, low, high, "m")
         check_kind(
@@ -127,7 +128,7 @@ class Body:
                 )
             filled[name] = float(length)
         object.__setattr__(self, "lengths", filled)
-        # 70 kg at 1.75 m, the same build at every stature.
+        # The default is 70 kg at 1.75 m, with the same build at every stature.
         check_real("mass", self.mass, "kilograms")
         mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
         check_number("mass", mass, *MASS_RANGE, "kg")
@@ -143,9 +144,9 @@ class Body:
 
     @classmethod
     def of_stature(cls, stature: float, mass: float = 0.0) -> Body:
-        """Return the body of average proportions at a stature [m].
+        """Return the body of average proportions with a stature [m].
 
-        A mass of 0 means the one of a normal build [kg].
+        A mass of 0 means that of a normal build [kg].
 
         Raises:
             InputError: if the stature or the mass is out of range.
@@ -156,15 +157,16 @@ class Body:
     def of_lengths(cls, lengths: Mapping[str, float], mass: float = 0.0) -> Body:
         """Return the body with measured segment lengths [m].
 
-        The others follow from the stature that the measured ones suggest.
+        All other lengths follow from the stature, and the stature follows from the measured
+        lengths.
 
         Args:
-            lengths: any non-empty part of `FRACTIONS` [m]. The stature is the weighted median of
-                what each length suggests.
+            lengths: lengths of one or more segments of `FRACTIONS` [m]. The stature is the
+                weighted median of the statures that each length suggests.
             mass: body mass [kg], 0 for a normal build.
 
         Raises:
-            InputError: if a name is unknown or a length is not that of a person.
+            InputError: if a name is unknown, or a length is not possible for a person.
         """
         check_kind(
             "segment lengths", lengths, Mapping, "a table of segments, each with its length [m]"
@@ -184,14 +186,15 @@ class Body:
         return _scaled_spec(self).compile()
 
     def spec(self) -> mujoco.MjSpec:
-        """Return a new description of that model, to be put into a larger one."""
+        """Return a new specification of the model, to add it to a larger one."""
         return _scaled_spec(self)
 
 
 def stature_of(lengths: Mapping[str, float]) -> float:
     """Return the stature [m] that measured lengths suggest.
 
-    It is the median over segments, each weighted by its length.
+    It is the median of the statures that the segments suggest, weighted by their nominal
+    lengths.
     """
     names = list(lengths)
     suggestions = np.array([lengths[name] / FRACTIONS[name] for name in names])
@@ -202,11 +205,11 @@ def stature_of(lengths: Mapping[str, float]) -> float:
 
 
 def believable(segment: str, stature: float) -> tuple[float, float]:
-    """Return the shortest and the longest that a segment of a person of some stature may be [m].
+    """Return the shortest and the longest allowed length of a segment at a stature [m].
 
     Args:
-        segment: of `FRACTIONS`.
-        stature: of the person [m].
+        segment: a segment of `FRACTIONS`.
+        stature: stature of the person [m].
     """
     low, high = BELIEVABLE
     average = FRACTIONS[segment] * stature

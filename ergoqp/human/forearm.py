@@ -1,6 +1,6 @@
-"""The right arm on the trunk in closed form.
+"""Closed-form kinematics of the right arm on the trunk.
 
-It gives elbow and wrist of a posture, and the postures of an elbow and a wrist.
+It gives elbow and wrist of a posture, and the postures of a given elbow and wrist.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ ARM_JOINTS: Final[tuple[str, ...]] = (
     "right_shoulder_rotation",
     "right_elbow_flexion",
 )
-"""The joints that elbow and wrist depend on, in the order of the solutions of `Arm.solve`."""
+"""The joints that elbow and wrist depend on, in the order of the solutions of `Arm`."""
 
 ARM_INDEX: Final[list[int]] = [INDEX[joint] for joint in ARM_JOINTS]
-"""Where `ARM_JOINTS` are in a posture."""
+"""Position of each of `ARM_JOINTS` in a posture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,10 @@ class Arm:
     """Lengths of a person's right arm on the trunk, and its inverse kinematics.
 
     Attributes:
-        root: where the trunk is hinged, in the pelvis frame (3,) [m].
+        root: origin of the trunk's hinges, in the pelvis frame (3,) [m].
         shoulder: shoulder centre in the trunk frame (3,) [m].
-        upper: from the shoulder to the elbow [m].
-        fore: from the elbow to the wrist [m].
+        upper: distance from the shoulder to the elbow [m].
+        fore: distance from the elbow to the wrist [m].
     """
 
     root: Array
@@ -53,12 +53,12 @@ class Arm:
     fore: float
 
     def solve_by_bend(self, points: Array, bend: Array, twist: Array) -> tuple[Array, Array]:
-        """Return all postures of trunk and right arm that have given points, side bends and twists.
+        """Return all postures of trunk and right arm with given points, side bends and twists.
 
-        The shoulder has to be one upper arm away from the elbow: with side bend and twist given,
-        that is a cos f + b sin f = c for the flexion f of the trunk, with two roots. Then shoulder
-        and elbow follow from the two directions; the shoulder's intrinsic angles have two solutions
-        too.
+        The distance from the shoulder to the elbow must be one upper arm. With side bend and
+        twist given, this is a cos f + b sin f = c for the flexion f of the trunk, with two
+        roots. Then shoulder and elbow follow from the two directions. The intrinsic angles of
+        the shoulder have two solutions too.
 
         Args:
             points: elbow and wrist in the pelvis frame (n, 6) [m].
@@ -66,8 +66,8 @@ class Arm:
             twist: twists of the trunk (n, m) [rad].
 
         Returns:
-            Angles in the order of `ARM_JOINTS` (7, n, 4 m) [rad], and by how much there is no root
-            (n, 4 m), without a unit; 0 where there is one.
+            Angles in the order of `ARM_JOINTS` (7, n, 4 m) [rad], and by how much a root is
+            missed (n, 4 m), without a unit; 0 where there is a root.
         """
         (x, y, z), wrist = self._elbow_and_forearm(points)
         sx, sy, sz = _bend(bend, *_twist(twist, *self.shoulder))
@@ -93,9 +93,10 @@ class Arm:
     ) -> tuple[Array, Array]:
         """Return all postures of trunk and right arm at given points, shoulder flexions and twists.
 
-        Near 90 deg of abduction the shoulder's flexion turns fast with the trunk; here it is given.
-        The distance of the elbow from the pelvis gives the abduction (two roots), the elbow's y the
-        side bend (two roots), and the rest follows.
+        Near 90 deg of abduction the flexion of the shoulder changes fast with the trunk, so
+        here it is given. The distance of the elbow from the pelvis gives the abduction (two
+        roots). The y coordinate of the elbow gives the side bend (two roots). The rest
+        follows.
 
         Args:
             points: elbow and wrist in the pelvis frame (n, 6) [m].
@@ -140,8 +141,8 @@ class Arm:
     ) -> tuple[Array, Array]:
         """Return upper arm rotation and elbow flexion for a direction of the forearm."""
         gx, gy, gz = _into_trunk(*trunk, *forearm)
-        # Into the upper arm before it rotates about itself: back by the flexion (about -y), then by
-        # the abduction (about -x).
+        # Into the frame of the upper arm before its own rotation: back by the flexion (about
+        # -y), then by the abduction (about -x).
         sin_f, cos_f, sin_a, cos_a = (
             np.sin(shoulder),
             np.cos(shoulder),
@@ -151,12 +152,12 @@ class Arm:
         gx, gz = cos_f * gx + sin_f * gz, cos_f * gz - sin_f * gx
         gy, gz = cos_a * gy - sin_a * gz, sin_a * gy + cos_a * gz
         away = np.hypot(gx, gy)
-        # A straight elbow leaves the rotation free.
+        # With a straight elbow the rotation is free.
         return np.where(away > 1e-9 * self.fore, np.arctan2(gy, gx), 0.0), np.arctan2(away, -gz)
 
 
 def arm_of(body: Body) -> Arm:
-    """Return the lengths of a body's right arm, read off its loaded model."""
+    """Return the right arm of a body, from its loaded model."""
     model = body.model
     offset = {
         name: np.asarray(model.body(name).pos)
@@ -196,7 +197,7 @@ def read_points(points: ArrayLike) -> Array:
         points: elbow and wrist in the pelvis frame, shape (n, 6) or (6,) [m].
 
     Raises:
-        InputError: for another shape.
+        InputError: if the shape is wrong.
     """
     rows = np.atleast_2d(np.asarray(points, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != len(FOREARM):
@@ -211,7 +212,7 @@ def read_points(points: ArrayLike) -> Array:
 def _forward(stature: float, lengths: tuple[tuple[str, float], ...]) -> ca.Function:
     """Return ``posture (32,) -> points (6,)`` of a body.
 
-    Only what places the points tells bodies apart, not their mass.
+    The key of the cache is only what affects the points, so not the mass.
     """
     kinematics = Kinematics(Body(stature, dict(lengths)))
     q = ca.SX.sym("q", len(JOINTS))
@@ -235,9 +236,9 @@ def _twice(values: Array) -> Array:
 
 
 def _roots(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Return both roots (n, 2 m) of a cos t + b sin t = c, and by how much there is none.
+    """Return both roots (n, 2 m) of a cos t + b sin t = c, and by how much a root is missed.
 
-    Where there is none, the nearest is returned.
+    Without a root, the nearest value is returned.
     """
     ratio = c / np.maximum(np.hypot(a, b), 1e-12)
     middle, half = np.arctan2(b, a), np.arccos(np.clip(ratio, -1, 1))
@@ -247,18 +248,18 @@ def _roots(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
 
 
 def _twist(angle: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Turn a vector about z."""
+    """Rotate a vector about z."""
     return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z
 
 
 def _bend(angle: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Turn a vector about -x."""
+    """Rotate a vector about -x."""
     return x, np.cos(angle) * y + np.sin(angle) * z, np.cos(angle) * z - np.sin(angle) * y
 
 
 def _into_trunk(
     flexion: Array, bend: Array, twist: Array, x: Array, y: Array, z: Array
 ) -> tuple[Array, Array, Array]:
-    """Return a vector of the pelvis frame along the axes of the trunk."""
+    """Return a vector of the pelvis frame in the axes of the trunk."""
     x, z = np.cos(flexion) * x - np.sin(flexion) * z, np.sin(flexion) * x + np.cos(flexion) * z
     return _twist(-twist, *_bend(-bend, x, y, z))

@@ -1,7 +1,7 @@
-"""Where the parts of a body are in each other, for a body of given or of unknown lengths.
+"""Offsets between the parts of a body, for given or unknown lengths.
 
-Every offset of the model is its nominal one times a length (`ergoqp.human.body`), so that it is
-linear in the lengths, and exactly what a few loaded bodies say of it.
+Every offset of the model is its nominal one times a length (`ergoqp.human.body`). So the
+offsets are linear in the lengths, and a few loaded bodies determine them exactly.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from ergoqp.human.body import FRACTIONS, Body
 
 GROWTH: Final[tuple[str, ...]] = ("stature", *FRACTIONS)
-"""What may be larger than thought: everything at once, or one length."""
+"""What may be larger than in the loaded body: everything at once, or one length."""
 
 _STEP: Final = 0.1
 
@@ -25,9 +25,10 @@ class Offsets:
     """Offsets of bodies and sites in their parents, as expressions [m].
 
     Attributes:
-        body_model: the body as it is loaded.
-        growth: shares (14,) in the order of `GROWTH`, or None for none.
-        slopes: how the offsets of bodies and sites (n, 3, 14) each change with it.
+        body_model: the loaded body.
+        growth: relative growth (14,) in the order of `GROWTH`, or None for none.
+        slopes: derivatives of the offsets of bodies and of sites with respect to it (n, 3,
+            14).
     """
 
     body_model: Body
@@ -36,7 +37,7 @@ class Offsets:
 
     @classmethod
     def of(cls, body: Body, growth: ca.SX | None) -> Offsets:
-        """Return the offsets of a body; how they grow is read off bodies that are larger."""
+        """Return the offsets of a body. Their slopes are computed from larger bodies."""
         if growth is None:
             return cls(body, None, (np.zeros(0), np.zeros(0)))
         here = _positions(body)
@@ -49,11 +50,11 @@ class Offsets:
         return cls(body, growth, (bodies, sites))
 
     def body(self, number: int) -> ca.SX:
-        """Return where a body is in its parent (3,) [m]."""
+        """Return the position of a body in its parent (3,) [m]."""
         return self._grown(self.body_model.model.body_pos[number], 0, number)
 
     def site(self, name: str) -> ca.SX:
-        """Return where a site is in its body (3,) [m]."""
+        """Return the position of a site in its body (3,) [m]."""
         model = self.body_model.model
         number = model.site(name).id
         return self._grown(model.site_pos[number], 1, number)

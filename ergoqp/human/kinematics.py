@@ -1,6 +1,6 @@
-"""Where every frame of the body is, and how it moves with the joints.
+"""Pose of every frame of the body, and how it moves with the joints.
 
-Both are CasADi functions read off the loaded model.
+Both are CasADi functions that are built from the loaded model.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ FRAMES: Final[tuple[str, ...]] = (
 )
 """Names of the frames (sites of ``models/human.xml``).
 
-``grip`` is where a tool is held: x out of the fist along the hand, z to the thumb; with the elbow
-at 90 degrees and the rest at zero it has the axes of the world. All other frames have the axes of
-their segment.
+``grip`` is where a tool is held. Its x axis points out of the fist along the hand, z to the
+thumb. With the elbow at 90 degrees and all other angles at zero it has the axes of the world.
+All other frames have the axes of their segment.
 
 Example:
     >>> from ergoqp.human import FRAMES
@@ -54,13 +54,14 @@ Example:
 class Kinematics:
     """Frames of a body in its pelvis frame, as functions of the posture.
 
-    The pelvis frame is upright: x forward, y left, z up. `at` gives a frame's pose and geometric
-    Jacobian; `base_jacobian` gives how a frame moves with the pelvis itself.
+    The pelvis frame is upright: x forward, y left, z up. `at` gives the pose and the geometric
+    Jacobian of a frame. `base_jacobian` gives the Jacobian with respect to the motion of the
+    pelvis.
 
     Args:
-        body: the person; its loaded MuJoCo model is the one source of every number.
-        growth: by how much the person is larger than `body`, in the order of
-            `ergoqp.human.growth.GROWTH`, as a share of it; None: by nothing.
+        body: the person; all numbers come from its loaded MuJoCo model.
+        growth: relative growth of the person over `body`, in the order of
+            `ergoqp.human.growth.GROWTH`; None: no growth.
 
     Example:
         >>> import numpy as np
@@ -72,7 +73,7 @@ class Kinematics:
     """
 
     def __init__(self, body: Body, growth: ca.SX | None = None) -> None:
-        """Read the tree of the loaded model once."""
+        """Read the tree of the loaded model."""
         self.body, self._growth = body, growth
         self._offsets = Offsets.of(body, growth)
         self._q = ca.SX.sym("q", len(JOINTS))
@@ -82,9 +83,10 @@ class Kinematics:
     def function(self, frame: str) -> ca.Function:
         """Return ``q (32,) -> (p (3,), R (3, 3), J (6, 32))`` of a frame, in the pelvis frame.
 
-        Of a body that may grow the growth is a second input.
+        If the body has a growth, it is a second input.
 
-        ``J`` is linear first, about the frame's own origin, along the axes of the pelvis.
+        The rows of ``J`` are linear first, at the origin of the frame, along the axes of the
+        pelvis.
 
         Raises:
             InputError: if there is no such frame.
@@ -100,7 +102,7 @@ class Kinematics:
 
         They are those at the posture `q` (32,) [rad].
         """
-        # Of a body that may grow, growth and posture are symbols of one kind.
+        # If the body has a growth, growth and posture are symbols of the same type.
         function, growth = self.function(frame), self._growth
         frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
         position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
@@ -125,7 +127,7 @@ class Kinematics:
 
 
 def base_jacobian(position: Expression) -> Expression:
-    """Return how a point of the pelvis frame moves with the pelvis rates: shape (6, 4).
+    """Return the Jacobian of a point of the pelvis frame with respect to the pelvis rates, (6, 4).
 
     The rates are x, y, z [m/s] and yaw [rad/s].
     """
@@ -144,7 +146,7 @@ _Axis = tuple[int, ca.SX, ca.SX]
 def _forward(
     model: mujoco.MjModel, offsets: Offsets, q: ca.SX
 ) -> dict[int, tuple[ca.SX, ca.SX, list[_Axis]]]:
-    """Walk the tree from the pelvis: each body's pose, (joint, axis, anchor) per hinge above it."""
+    """Return the pose of each body, and (joint, axis, anchor) of each hinge above it."""
     pelvis = model.body("pelvis").id
     bodies: dict[int, tuple[ca.SX, ca.SX, list[_Axis]]] = {pelvis: (ca.SX(3, 1), ca.SX.eye(3), [])}
     for body in range(pelvis + 1, model.nbody):
@@ -163,19 +165,19 @@ def _forward(
 
 
 def _about(axis: ca.DM, angle: ca.SX) -> ca.SX:
-    """Rotation by `angle` about a unit `axis` (Rodrigues)."""
+    """Return the rotation by `angle` about a unit `axis` (Rodrigues)."""
     cross = ca.skew(axis)
     return _clean(ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (cross @ cross))
 
 
 def _clean(expression: ca.SX) -> ca.SX:
-    """Drop entries that are zero by structure, so that later products do not carry them along."""
+    """Drop entries that are zero by structure, so that later products do not contain them."""
     return ca.sparsify(ca.simplify(expression))
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:
     matrix = matrix_of(quaternion)
-    # Quarter turns come out as 2e-16 instead of 0; left in, they would fill the expressions with
-    # nothing.
+    # Quarter turns give 2e-16 instead of 0. Such entries would only make the expressions
+    # larger.
     matrix[np.abs(matrix) < 1e-14] = 0.0
     return matrix

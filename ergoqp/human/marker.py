@@ -1,4 +1,4 @@
-"""A marker on the skin, as a calibration has it."""
+"""A marker on the skin, as found by a calibration."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Marker:
-    """Where a marker sits on the body.
+    """Position of a marker on the body.
 
     Attributes:
-        frame: of `ergoqp.human.FRAMES`, with which it moves.
-        offset: where it is in that frame, along its axes [m].
-        residual: root of the mean squared distance between the marker and that place on the fitted
-            body [m]; NaN if it was never seen.
+        frame: frame that it moves with, one of `ergoqp.human.FRAMES`.
+        offset: position in that frame, along its axes [m].
+        residual: root of the mean squared distance between the marker and this position on the
+            fitted body [m]; NaN if it was never seen.
     """
 
     frame: str

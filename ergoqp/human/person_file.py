@@ -1,7 +1,8 @@
-"""A person as a file has them: stature, measured segments, and where markers sit.
+"""Files that describe a person: stature, measured segments, and positions of markers.
 
-A person file is TOML with a stature, measured segment lengths, or both (`ergoqp.human.FRACTIONS`
-names the segments; what is not given follows from the stature, and the stature from the lengths)::
+A person file is TOML with a stature, measured segment lengths, or both.
+`ergoqp.human.FRACTIONS` names the segments. Lengths that are not given follow from the
+stature. A stature that is not given follows from the lengths::
 
     stature = 1.68        # m
     mass = 62             # kg, optional
@@ -10,7 +11,7 @@ names the segments; what is not given follows from the stature, and the stature 
     upper_arm = 0.30
     forearm = 0.25
 
-    [markers.LASI]        # where a marker sits on the person, optional: of a calibration
+    [markers.LASI]        # position of a marker on the person, optional, from a calibration
     frame = "pelvis"
     offset = [0.09, 0.12, 0.08]   # m, along the frame's axes
     residual = 0.004              # m
@@ -33,21 +34,21 @@ from ergoqp.human.kinematics import FRAMES
 from ergoqp.human.marker import Marker
 
 _FARTHEST: Final = 2.0
-"""No marker sits farther from its segment [m]."""
+"""Largest distance of a marker from its segment [m]."""
 _ROUNDED: Final = 1e-4
-"""What is written is rounded: no length is refused for so little [m]."""
+"""Tolerance of the range of a length, because written lengths are rounded [m]."""
 _CONTROLS: Final = re.compile(r'[\x00-\x1f\x7f"\\]')
-"""What TOML does not take as it is within quotes."""
+"""Characters that must be escaped within quotes in TOML."""
 
 
 def given_person(person: float | str | Path) -> Body:
-    """Return the body of a person that the user describes.
+    """Return the body of a person from a stature or a person file.
 
     Args:
         person: stature [m], or path of a person file.
 
     Raises:
-        InputError: the value is neither, or the file does not describe a person.
+        InputError: if the value is neither, or the file does not describe a person.
 
     Example:
         >>> from ergoqp.human.person_file import given_person
@@ -58,15 +59,15 @@ def given_person(person: float | str | Path) -> Body:
 
 
 def person_with_markers(person: float | str | Path) -> tuple[Body, dict[str, Marker]]:
-    """Return the body of a person that the user describes, and where their markers sit.
+    """Return the body of a person from a stature or a person file, and their marker positions.
 
-    Of a stature there are no markers.
+    A stature gives no markers.
 
     Args:
         person: stature [m], or path of a person file.
 
     Raises:
-        InputError: the value is neither, or the file does not describe a person.
+        InputError: if the value is neither, or the file does not describe a person.
     """
     if isinstance(person, Real) and not isinstance(person, bool):
         return Body.of_stature(_float(person)), {}
@@ -104,7 +105,7 @@ def _body(path: Path, entries: Mapping[str, Any]) -> Body:
     measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
     mass = _number(path, "mass", entries.get("mass", 0.0))
     if "mass" in entries:
-        # A body takes 0 for a mass that nobody states.
+        # `Body` takes 0 for a mass that is not given, so check it here.
         check_number("mass", mass, *MASS_RANGE, "kg")
     if "stature" in entries:
         stature = Body.of_stature(_number(path, "stature", entries["stature"])).stature
@@ -121,7 +122,7 @@ def _body(path: Path, entries: Mapping[str, Any]) -> Body:
 
 
 def _markers(path: Path, table: Any) -> dict[str, Marker]:
-    """Return where a person's markers sit, as a file says it."""
+    """Return the positions of a person's markers from the table of a file."""
     where, found = f"person file {path.name}: markers", {}
     if not isinstance(table, dict):
         raise InputError(f"{where} is {table!r:.40}, allowed a table for each marker")
@@ -150,13 +151,14 @@ def _markers(path: Path, table: Any) -> dict[str, Marker]:
 def write_person(
     path: Path, body: Body, markers: Mapping[str, Marker], notes: Sequence[str] = ()
 ) -> None:
-    """Write a person file: what a recording has told of somebody.
+    """Write a person file with a body and markers, for example from a recording.
 
     Args:
-        path: where to.
+        path: path of the file.
         body: the person.
-        markers: where the markers sit; those that were never seen, or nowhere near, are left out.
-        notes: what is to be said of it, each a comment in the file.
+        markers: positions of the markers; markers that were never seen, or are too far from
+            the body, are left out.
+        notes: comments to write at the top of the file.
 
     Raises:
         OSError: if the file cannot be written.
@@ -175,7 +177,7 @@ def write_person(
     """
     rows = [f"# {_printable(note)}" for note in notes]
     rows += [f"stature = {body.stature:.4f}"]
-    # A mass that only follows from the stature is none that anybody weighed.
+    # A mass that follows from the stature was not measured, so it is not written.
     if abs(body.mass - Body.of_stature(body.stature).mass) > 0.05:
         rows.append(f"mass = {body.mass:.1f}")
     rows += ["", "[lengths]", *(f"{name} = {size:.4f}" for name, size in body.lengths.items())]
@@ -198,7 +200,7 @@ def _quoted(name: str) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return a text without what TOML does not take as it is."""
+    """Return a text with the characters escaped that TOML does not accept."""
     return _CONTROLS.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
 
 
@@ -220,7 +222,7 @@ def _number(
 
 
 def _float(value: float | Real) -> float:
-    """Return a number; infinity for an integer of hundreds of digits."""
+    """Return a number as float; infinity for an integer of hundreds of digits."""
     try:
         return float(value)
     except OverflowError:

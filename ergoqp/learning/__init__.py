@@ -1,1 +1,1 @@
-"""What costs, limits and responses learn with."""
+"""Learning methods that costs, limits and responses use."""

@@ -1,16 +1,17 @@
-"""What the kernels of a cost see: some of the inputs, or soft steps of them.
+"""Features of a kernel cost: some of the inputs, or soft steps of them.
 
-A score that comes from a sheet is piecewise constant, and each joint counts by the band that it is
-in. A kernel of plain angles cannot see that 19 and 21 deg differ more than 1 and 19. So the bands
-are looked for in the data: an additive model of one small regression tree per input is fitted by
-backfitting, and each tree is a row of steps, at c_k of height h_k. The feature of the input is that
-row made smooth,
+A score from a sheet is piecewise constant, and each joint counts by its band. A kernel of
+plain angles cannot represent that 19 and 21 deg differ more than 1 and 19. So the bands are
+found from the data. An additive model with one small regression tree per input is fitted by
+backfitting. Each tree is a series of steps at c_k with the height h_k. The feature of the
+input is this series made smooth,
 
     u_j = sum_k h_jk sum_w share_w S((x_j - c_jk) / (width_w s_j)),   S(z) = (1 + tanh z) / 2,
 
-s_j the standard deviation of the input. Narrow steps are faithful, wide ones give a slope from
-afar: there are both, as in `ergoqp.costs.smooth_reba`. Beyond the outermost step a feature is flat,
-so a cost of features does not run away where there were no data.
+where s_j is the standard deviation of the input. Narrow steps follow the data closely, wide
+ones give a slope far away. Both are used, as in `ergoqp.costs.smooth_reba`. Beyond the
+outermost step a feature is flat, so a cost of features does not grow without bound where there
+were no data.
 """
 
 from __future__ import annotations
@@ -30,24 +31,24 @@ from ergoqp.learning.pipelines import sklearn
 Array = NDArray[np.float64]
 
 _LEAVES: Final = 8
-"""Most bands of one input."""
+"""Largest number of bands of one input."""
 
 _LEAST_SHARE: Final = 0.01
 """Least share of the data in a band."""
 
 _PRICE: Final = 2.0
-"""What a step must earn, in units of noise variance times log n.
+"""Least improvement by a step, in units of noise variance times log n.
 
-It is one unit for the step's place and one for its height, as by Schwarz.
+One unit is for the place of the step and one for its height (Schwarz).
 """
 
 _ROUNDS: Final = 4
-"""Of backfitting."""
+"""Iterations of backfitting."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Some inputs, as they are.
+    """Some of the inputs, unchanged.
 
     Attributes:
         used: their numbers.
@@ -56,7 +57,7 @@ class Columns:
     used: tuple[int, ...]
 
     def __len__(self) -> int:
-        """Count the features."""
+        """Return the number of features."""
         return len(self.used)
 
     def part(self, features: Sequence[int]) -> Columns:
@@ -72,21 +73,21 @@ class Columns:
         return x if self.used == tuple(range(x.shape[0])) else x[list(self.used)]
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return (settings that JSON can hold, arrays): all that `features_from` needs."""
+        """Return (settings for JSON, arrays): everything that `features_from` needs."""
         return {"used": list(self.used)}, {}
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Soft steps of some inputs: one feature for each input that has any.
+    """Soft steps of some inputs: one feature for each input with steps.
 
     Attributes:
         column: input of each step, ascending (m,).
         place: c of each step (m,).
         height: h of each step (m,).
         spread: standard deviation of the input of each step (m,).
-        widths: of the soft steps, in units of the spread.
-        shares: of the widths, adding up to 1.
+        widths: widths of the soft steps, in units of the spread.
+        shares: shares of the widths; the sum is 1.
     """
 
     column: NDArray[np.int64]
@@ -100,7 +101,7 @@ class Steps:
         """Check the widths.
 
         Raises:
-            ModelError: if one is not positive, or the shares do not add up to 1.
+            ModelError: if a width is not positive, or the shares do not add up to 1.
         """
         widths, shares = tuple(map(float, self.widths)), tuple(map(float, self.shares))
         if (
@@ -121,10 +122,10 @@ class Steps:
     def fit(
         cls, points: Array, labels: Array, widths: Sequence[float], shares: Sequence[float]
     ) -> Steps:
-        """Find the steps in points (n, d) with labels (n,); there may be none.
+        """Find the steps in points (n, d) with labels (n,). There may be none.
 
         Raises:
-            ModelError: for widths or shares that do not do.
+            ModelError: if widths or shares are not allowed.
             MissingExtraError: if scikit-learn is not installed.
         """
         tree = sklearn("tree", "fitting a kernel cost").DecisionTreeRegressor
@@ -155,7 +156,7 @@ class Steps:
         return sorted(set(self.column.tolist()))
 
     def __len__(self) -> int:
-        """Count the features."""
+        """Return the number of features."""
         return len(self.used)
 
     def part(self, features: Sequence[int]) -> Steps:
@@ -170,7 +171,7 @@ class Steps:
 
     @cached_property
     def _heights(self) -> Array:
-        """Heights, halved, as a matrix (features, steps)."""
+        """Half the heights, as a matrix (features, steps)."""
         return np.array([np.where(self.column == j, self.height / 2, 0.0) for j in self.used])
 
     def values(self, points: Array) -> Array:
@@ -191,7 +192,7 @@ class Steps:
         return ca.sparsify(ca.DM(self._heights)) @ soft
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return (settings that JSON can hold, arrays): all that `features_from` needs."""
+        """Return (settings for JSON, arrays): everything that `features_from` needs."""
         arrays = {
             "column": self.column,
             "place": self.place,
@@ -204,7 +205,7 @@ class Steps:
 def features_from(
     settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> Columns | Steps:
-    """Return the features that `parts` came from."""
+    """Return the features with these `parts`."""
     if "used" in settings:
         return Columns(tuple(settings["used"]))
     column, place, height, spread = (

@@ -1,11 +1,11 @@
 """Sums of kernels, f(x) = sum_j w_j k(u, s_j) + bias with u = (x - mean) / scale.
 
-They are written in numpy, and as dense CasADi matrices.
+They are computed in numpy, and as dense CasADi matrices.
 
-Support vector regression, kernel ridge regression and Gaussian processes all predict such a sum.
-With thousands of centres s_j it is evaluated at every control step, so the expression is a few
-operations on whole matrices: one product with the matrix of centres gives all distances, one more
-gives the slope.
+Support vector regression, kernel ridge regression and Gaussian processes all predict such a
+sum. It may have thousands of centres s_j, and it is evaluated at every control step. So the
+expression is a few operations on whole matrices: one product with the matrix of centres gives
+all distances, and one more gives the slope.
 
 The kernels, with t = |u - s|^2 for the radial ones and p = u . s for the others:
 
@@ -34,30 +34,30 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.errors import ModelError
 
 RADIAL: Final = ("rbf", "matern32", "matern52", "rational")
-"""Kernels of the distance."""
+"""Kernels that depend on the distance."""
 
 PRODUCT: Final = ("linear", "poly", "sigmoid")
-"""Kernels of the inner product."""
+"""Kernels that depend on the inner product."""
 
 _CHUNK: Final = 4_000_000
-"""Entries of a kernel matrix that are held at once by numpy."""
+"""Number of entries of a kernel matrix that numpy holds at once."""
 
 _TINY: Final = 1e-30
-"""Keeps the root of a distance differentiable at zero."""
+"""Keeps the square root of a distance differentiable at zero."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """One kernel and its numbers; those that it does not use have no effect.
+    """One kernel and its parameters. Parameters that it does not use have no effect.
 
     Attributes:
         kind: one of `RADIAL` or `PRODUCT`.
         gamma: factor of the squared distance or of the product.
-        offset: of the product.
-        degree: of the polynomial.
-        alpha: of the rational kernel.
+        offset: offset of the product.
+        degree: degree of the polynomial.
+        alpha: parameter of the rational kernel.
     """
 
     kind: str
@@ -70,8 +70,8 @@ class Kernel:
         """Check the kind and the numbers.
 
         Raises:
-            ModelError: for another kind, or a number that is not finite or not positive where it
-                must be.
+            ModelError: if the kind is unknown, a number is not finite, or one that must be
+                positive is not.
         """
         if self.kind not in RADIAL + PRODUCT:
             raise ModelError(f"kernel: got {self.kind!r}, allowed {', '.join(RADIAL + PRODUCT)}")
@@ -89,11 +89,11 @@ class Kernel:
         return self.kind in RADIAL
 
     def profile(self, t: Any, lib: Any) -> tuple[Any, Any]:
-        """Return the kernel and its derivative at t: the squared distance, or the product.
+        """Return the kernel and its derivative at t, the squared distance or the product.
 
         Args:
             t: array or expression.
-            lib: `numpy` or `casadi`, whose functions are to be used.
+            lib: `numpy` or `casadi`, the library of the functions.
         """
         gamma = self.gamma
         match self.kind:
@@ -128,12 +128,12 @@ class KernelSum:
     """f(x) = sum_j w_j k((x - mean) / scale, s_j) + bias.
 
     Attributes:
-        kernel: k.
-        centres: s_j, scaled as the kernel sees them (n, d).
+        kernel: the kernel k.
+        centres: s_j, scaled like the input of the kernel (n, d).
         weights: w_j (n,).
-        bias: added at the end.
+        bias: constant that is added.
         mean: subtracted from x (d,).
-        scale: divides then (d,).
+        scale: divides the result (d,).
     """
 
     kernel: Kernel
@@ -147,7 +147,8 @@ class KernelSum:
         """Check that the parts fit together.
 
         Raises:
-            ModelError: naming the shape, or that there is a number that is not finite.
+            ModelError: if not, or if a number is not finite; the message names the shapes or
+                the fault.
         """
         for name in ("centres", "weights", "mean", "scale"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=float))
@@ -167,15 +168,15 @@ class KernelSum:
             )
 
     def __len__(self) -> int:
-        """Count the centres."""
+        """Return the number of centres."""
         return len(self.weights)
 
     @cached_property
     def origin(self) -> Array:
-        """What is subtracted from x before scaling (d,).
+        """Vector that is subtracted from x before scaling (d,).
 
-        Distances do not change when the centres are moved to lie around zero, and rounding is least
-        there.
+        Distances do not change when all centres are shifted to lie around zero. The rounding
+        error is smallest there.
         """
         return (
             self.mean + self.scale * self.centres.mean(axis=0) if self.kernel.radial else self.mean
@@ -183,7 +184,7 @@ class KernelSum:
 
     @cached_property
     def points(self) -> Array:
-        """The centres as seen from `origin` (n, d)."""
+        """The centres relative to `origin` (n, d)."""
         return self.centres - self.centres.mean(axis=0) if self.kernel.radial else self.centres
 
     def values(self, points: ArrayLike) -> Array:
@@ -215,8 +216,8 @@ class KernelSum:
 
     @cached_property
     def _matrix(self) -> ca.MX:
-        # One constant for value and slope: CasADi copies it once per evaluation, which costs a
-        # tenth of the time.
+        # Value and slope share one constant. CasADi copies it once per evaluation, which takes
+        # a tenth of the time.
         return ca.MX(ca.DM(-2 * self.points if self.kernel.radial else self.points))
 
     @cached_property
@@ -238,7 +239,7 @@ class KernelSum:
         return (x - origin) / scale
 
     def _arguments(self, u: ca.MX) -> list[ca.MX]:
-        """Return t of the profile for all centres (n,), for each column of scaled points (d, k)."""
+        """Return t of `Kernel.profile` for all centres (n,), per column of scaled points (d, k)."""
         columns = ca.horzsplit(self._matrix @ u)
         if not self.kernel.radial:
             return columns
@@ -253,7 +254,7 @@ class KernelSum:
         This is a tenth to a seventh faster than k expressions of one point.
 
         Raises:
-            ModelError: for an expression with another number of rows.
+            ModelError: if the expression has a wrong number of rows.
         """
         values = [
             ca.dot(self._weights, self.kernel.profile(t, ca)[0])
@@ -264,11 +265,12 @@ class KernelSum:
     def value_and_slope(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return f and its gradient (d,) at one point (d,).
 
-        With t_j = |u - s_j|^2 and the kernel phi(t), the gradient by u is 2 u sum_j w_j phi'(t_j) -
-        2 S' (w phi'(t)): the matrix of centres serves twice and every exponential once.
+        With t_j = |u - s_j|^2 and the kernel phi(t), the gradient by u is 2 u sum_j w_j
+        phi'(t_j) - 2 S' (w phi'(t)). The matrix of centres is used twice and every exponential
+        once.
 
         Raises:
-            ModelError: for an expression of another shape.
+            ModelError: if the expression has a wrong shape.
         """
         if x.shape[1] != 1:
             raise ModelError(
@@ -291,13 +293,13 @@ class KernelSum:
         return replace(self, weights=factor * self.weights, bias=factor * self.bias + offset)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, Array]]:
-        """Return (settings that JSON can hold, arrays): all that `from_parts` needs."""
+        """Return (settings for JSON, arrays): everything that `from_parts` needs."""
         arrays = {name: getattr(self, name) for name in ("centres", "weights", "mean", "scale")}
         return {"kernel": asdict(self.kernel), "bias": self.bias}, arrays
 
     @classmethod
     def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, Array]) -> KernelSum:
-        """Return the sum that `parts` came from."""
+        """Return the sum with these `parts`."""
         names = ("centres", "weights", "mean", "scale")
         centres, weights, mean, scale = (arrays[name] for name in names)
         return cls(Kernel(**settings["kernel"]), centres, weights, settings["bias"], mean, scale)

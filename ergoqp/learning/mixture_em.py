@@ -1,4 +1,4 @@
-"""Gaussian mixtures by scikit-learn's expectation maximisation."""
+"""Gaussian mixtures by expectation maximisation with scikit-learn."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ROUNDS: Final = 300
-"""Rounds of EM at most."""
+"""Largest number of iterations of EM."""
 
 
 def em(
     columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
 ) -> MixtureRegression:
-    """Return the mixture that fits rows of numbers, see `estimate`."""
+    """Return the mixture fitted to rows of numbers, see `estimate`."""
     return mixture_of(estimate(columns, count, seed, covariance, regularisation, start))
 
 
@@ -34,11 +34,11 @@ def estimate(
 
     Args:
         columns: rows of numbers (n, d).
-        count: of Gaussians.
-        seed: of the start.
+        count: number of Gaussians.
+        seed: seed of the start.
         covariance: ``"full"`` or ``"diag"``.
         regularisation: added to every variance.
-        start: scikit-learn's name for it.
+        start: scikit-learn's name of the start.
 
     Raises:
         ModelError: if a Gaussian has no width.
@@ -58,10 +58,10 @@ def estimate(
         random_state=seed,
     )
     with warnings.catch_warnings():
-        # Rounds beyond the limit no longer change what is predicted; a start with fewer clusters
-        # than asked is no fault.
+        # More iterations would hardly change the predictions. A start with too few clusters is
+        # not a fault.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        # One point is a Gaussian too: its variance is the regularisation.
+        # A single point gives a Gaussian too. Its variance is the regularisation.
         try:
             return estimator.fit(columns if len(columns) > 1 else np.repeat(columns, 2, axis=0))
         except ValueError:
@@ -72,7 +72,7 @@ def estimate(
 
 
 def mixture_of(estimator: GaussianMixture) -> MixtureRegression:
-    """Return a fitted mixture of scikit-learn's, whatever the type of its covariances.
+    """Return a fitted mixture of scikit-learn, with any type of covariance.
 
     Raises:
         ModelError: if it is not fitted.

@@ -1,9 +1,9 @@
-"""Gaussian mixtures as regression: any columns from any others, with covariance and derivative.
+"""Regression by Gaussian mixtures: any columns from any others, with covariance and derivative.
 
-Equations 2.1 to 2.8 of the EPFL report. Its formula for the covariance of one component's
-prediction prints Sigma^IO where Sigma^O must stand: conditioned on the input, the output of
-component k has covariance Sigma_k^O - Sigma_k^OI (Sigma_k^I)^-1 Sigma_k^IO. That is what is
-computed here.
+Equations 2.1 to 2.8 of the EPFL report. In the report, the formula for the covariance of one
+component's prediction has Sigma^IO where Sigma^O is correct: conditioned on the input, the
+output of component k has the covariance Sigma_k^O - Sigma_k^OI (Sigma_k^I)^-1 Sigma_k^IO. This
+module computes the correct one.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MixtureRegression:
-    """A mixture of K Gaussians over D columns that splits into inputs and outputs in any way.
+    """A mixture of K Gaussians over D columns; any columns can be inputs or outputs.
 
     Attributes:
-        weights: prior of each Gaussian (K,), positive, adding up to 1.
+        weights: prior of each Gaussian (K,), positive; the sum is 1.
         means: (K, D).
-        covariances: (K, D, D), symmetric. A column that is only ever an output may have no
+        covariances: (K, D, D), symmetric. A column that is never an input may have no
             variance.
     """
 
@@ -41,7 +41,7 @@ class MixtureRegression:
         """Check shapes and numbers.
 
         Raises:
-            ModelError: naming what does not fit.
+            ModelError: if something does not fit; the message names it.
         """
         weights, means, covariances = (
             np.asarray(a, dtype=float) for a in (self.weights, self.means, self.covariances)
@@ -73,12 +73,12 @@ class MixtureRegression:
         """Return the regression of some columns on others.
 
         Args:
-            inputs: numbers of the given columns.
-            outputs: numbers of the predicted columns; those in neither are marginalised.
+            inputs: numbers of the input columns.
+            outputs: numbers of the predicted columns; all columns in neither are marginalised.
 
         Raises:
-            ModelError: if a column is named twice or is not there, or a Gaussian has no density
-                over the inputs.
+            ModelError: if a column is named twice or does not exist, or a Gaussian has no
+                density over the inputs.
         """
         inputs, outputs = [int(i) for i in inputs], [int(i) for i in outputs]
         width = self.means.shape[1]
@@ -123,7 +123,7 @@ class Prediction(NamedTuple):
     Attributes:
         mean: (o,), eq. 2.5.
         covariance: (o, o), eq. 2.6.
-        derivative: of the mean (o, d), eq. 2.8.
+        derivative: derivative of the mean (o, d), eq. 2.8.
     """
 
     mean: ca.MX
@@ -135,20 +135,20 @@ class Prediction(NamedTuple):
 class Conditional:
     """One split of a mixture: d inputs, o outputs, K Gaussians. Made by `MixtureRegression.split`.
 
-    Far from where two Gaussians are equally likely, one of them has all the responsibility and the
-    derivative says nothing about the other. A temperature T > 1 takes responsibilities proportional
-    to (prior times density)^(1/T), which reach further; several temperatures are averaged. One
-    temperature of 1 is the plain regression.
+    Far from where two Gaussians are equally likely, one of them has all the responsibility,
+    and the derivative does not depend on the other. With a temperature T > 1 the
+    responsibilities are proportional to (prior times density)^(1/T), which reach further.
+    Several temperatures are averaged. One temperature of 1 is the plain regression.
 
     Attributes:
-        log_scales: log of prior over volume of each Gaussian of the inputs (K,).
+        log_scales: log of the prior over the volume of each Gaussian of the inputs (K,).
         whitening: inverse Cholesky factors of the inputs' covariances (K, d, d), lower triangular.
         inputs: mean inputs (K, d).
         outputs: mean outputs (K, o).
         slopes: local linear fits Sigma_k^OI (Sigma_k^I)^-1 (K, o, d).
-        covariances: of the outputs of each Gaussian, given the inputs (K, o, o).
-        temperatures: of the responsibilities, above 0.
-        shares: of the temperatures, adding up to 1.
+        covariances: covariances of the outputs of each Gaussian, given the inputs (K, o, o).
+        temperatures: temperatures of the responsibilities, above 0.
+        shares: shares of the temperatures; the sum is 1.
     """
 
     log_scales: Array
@@ -161,10 +161,10 @@ class Conditional:
     shares: tuple[float, ...] = (1.0,)
 
     def tempered(self, temperatures: Sequence[float], shares: Sequence[float]) -> Conditional:
-        """Return this regression at other temperatures of the responsibilities.
+        """Return this regression with other temperatures of the responsibilities.
 
         Raises:
-            ModelError: for a temperature that is not positive, or shares that do not add up to 1.
+            ModelError: if a temperature is not positive, or the shares do not add up to 1.
         """
         temperatures, shares = tuple(map(float, temperatures)), tuple(map(float, shares))
         if not temperatures or not all(0 < t < np.inf for t in temperatures):
@@ -183,7 +183,7 @@ class Conditional:
     def log_densities(self, points: ArrayLike) -> Array:
         """Return the log of prior times density (n, K) of each Gaussian at inputs (n, d)."""
         rows = self._rows(points)
-        # One Gaussian at a time: all at once would need K times the memory of the points.
+        # One Gaussian at a time. All at once would need K times the memory of the points.
         distances = [
             np.square((rows - mean) @ w.T).sum(axis=1)
             for w, mean in zip(self.whitening, self.inputs, strict=True)
@@ -206,7 +206,7 @@ class Conditional:
         )
 
     def means(self, points: ArrayLike) -> Array:
-        """Return what each Gaussian predicts (n, K, o) at inputs (n, d)."""
+        """Return the prediction of each Gaussian (n, K, o) at inputs (n, d)."""
         rows = self._rows(points)
         return self._offsets + np.tensordot(rows, self.slopes, ([1], [2]))
 
@@ -217,7 +217,7 @@ class Conditional:
     def covariance(self, points: ArrayLike) -> Array:
         """Return the covariances of the predictions (n, o, o) at inputs (n, d), eq. 2.6."""
         shares, means = self.responsibilities(points), self.means(points)
-        # About the mean instead of about zero: the same sum, without cancellation.
+        # Moments about the mean instead of about zero give the same sum without cancellation.
         spread = means - np.einsum("nk,nko->no", shares, means)[:, np.newaxis]
         return np.einsum("nk,kop->nop", shares, self.covariances) + np.einsum(
             "nk,nko,nkp->nop", shares, spread, spread
@@ -234,14 +234,14 @@ class Conditional:
     def terms(self, points: ArrayLike) -> tuple[Array, Array]:
         """Return the two terms of eq. 2.8, each (n, o, d), at inputs (n, d).
 
-        The first is sum_k h_k Sigma_k^OI (Sigma_k^I)^-1, the local linear fits; the second sum_k
-        mu_k dh_k/dx, how the Gaussians take over from each other.
+        The first is sum_k h_k Sigma_k^OI (Sigma_k^I)^-1, the local linear fits. The second is
+        sum_k mu_k dh_k/dx, the change of the responsibilities.
         """
         rows = self._rows(points)
         logs, means = self.log_densities(rows), self.means(rows)
         local = np.einsum("nk,kod->nod", self.responsibilities(rows), self.slopes)
-        # sum_k dh_k = 0, so the mean may be taken off every mu_k, and the part that all dh_k have
-        # in common then drops out.
+        # sum_k dh_k = 0, so the mean can be subtracted from every mu_k. The common part of all
+        # dh_k then cancels.
         weights = np.zeros_like(means)
         for temperature, share in zip(self.temperatures, self.shares, strict=True):
             h = _softmax(logs / temperature)[:, :, np.newaxis]
@@ -255,16 +255,17 @@ class Conditional:
     def expression(self, x: ca.MX) -> Prediction:
         """Return mean, covariance and derivative as expressions of the inputs (d,).
 
-        What is not used is not evaluated.
+        Outputs that are not used are not evaluated.
         """
         count, width, size = len(self.log_scales), self.inputs.shape[1], self.outputs.shape[1]
-        # Sparse where it is: Gaussians with a diagonal covariance cost d operations, not d^2.
+        # Sparse where possible: Gaussians with a diagonal covariance take d operations, not
+        # d^2.
         stacked = ca.sparsify(ca.DM(self.whitening.reshape(count * width, width)))
         shift = np.einsum("kij,kj->ki", self.whitening, self.inputs)
         white = ca.reshape(ca.densify(stacked @ x) - shift.ravel(), width, count)
         logs = self.log_scales - 0.5 * ca.sum1(white**2).T
         slopes = ca.sparsify(ca.DM(self.slopes.transpose(1, 0, 2).reshape(size * count, width)))
-        # Columns are outputs: reshape runs down the columns, so Gaussians first.
+        # The columns are outputs. reshape fills column by column, so the Gaussians come first.
         means = ca.reshape(ca.densify(slopes @ x) + self._offsets.T.ravel(), count, size)
         total, weights = ca.MX(ca.DM.zeros(count)), ca.MX(ca.DM.zeros(count, size))
         for temperature, share in zip(self.temperatures, self.shares, strict=True):
@@ -288,7 +289,7 @@ class Conditional:
 
     @cached_property
     def _offsets(self) -> Array:
-        """What each Gaussian predicts at zero (K, o)."""
+        """Prediction of each Gaussian at zero (K, o)."""
         return self.outputs - np.einsum("kod,kd->ko", self.slopes, self.inputs)
 
     def _rows(self, points: ArrayLike) -> Array:

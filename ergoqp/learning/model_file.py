@@ -1,6 +1,6 @@
-"""Files of learned models: numbers and a JSON header in one npz, with a checksum.
+"""Files of learned models: arrays and a JSON header in one npz file, with a checksum.
 
-There is no pickle, so a file cannot run code.
+They contain no pickle, so a file cannot run code.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ergoqp.files.npz import read_npz
 from ergoqp.files.whole import whole
 
 FORMAT: Final = "ergoqp-model-1"
-"""Name of the format, in every header."""
+"""Name of the format, in the header of every file."""
 
 _HEADER: Final = "header"
 
@@ -28,12 +28,12 @@ _HEADER: Final = "header"
 def save_model(
     path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    """Write a model; an existing file is replaced in one move, so nobody ever sees half of one.
+    """Write a model. An existing file is replaced in one move, so no reader sees half of it.
 
     Args:
-        path: of the file; the folder must be there.
-        header: what JSON can hold; ``kind`` names what the model is.
-        arrays: numbers, by name.
+        path: path of the file; the folder must exist.
+        header: values for JSON; ``kind`` names the kind of model.
+        arrays: arrays by name.
 
     Raises:
         ModelError: if the file cannot be written.
@@ -53,8 +53,8 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     """Read a model and return its header and its arrays.
 
     Raises:
-        ModelError: if the file is not there, not a model, cut, changed, or holds what is not a
-            number.
+        ModelError: if the file does not exist, is not a model, is truncated or changed, or
+            holds a value that is not a number.
     """
     path = path_of("model", path, ModelError)
     arrays = read_npz(path, [_HEADER])

@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 Network = dict[str, NDArray]
 """Parameters of a network by name.
 
-``places`` and ``sharpness`` (d, k) of the soft steps of each input; ``mixing`` (d, k, m), which
-makes m curves of each input from its steps; ``W1``, ``b1``, ... of the dense layers, inputs first,
-the last one to the classes.
+``places`` and ``sharpness`` (d, k): the soft steps of each input. ``mixing`` (d, k, m): makes
+m curves of each input from its steps. ``W1``, ``b1``, ...: the dense layers, inputs first, the
+last one to the classes.
 """
 
 Batches = Iterator[tuple[NDArray, NDArray]]
-"""Points (n, d) and the numbers of their classes (n,), counted from 0: what one update sees."""
+"""Points (n, d) and the numbers of their classes (n,), counted from 0, for one update each."""
 
 _WARM_UP = 300
-"""Updates over which the rate grows to its full size."""
+"""Number of updates over which the rate grows to its full size."""
 
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8
-"""Adam's memory of the gradient and of its square, and what keeps the division defined.
+"""Adam's decay rates of the gradient and its square, and the term that avoids division by zero.
 
 The values are those of Kingma and Ba, 2015.
 """
 
 
 def depth(net: Network) -> int:
-    """Count the dense layers."""
+    """Return the number of dense layers."""
     return sum(name.startswith("W") for name in net)
 
 
@@ -42,15 +42,15 @@ def start(
     hidden: Sequence[int],
     rng: np.random.Generator,
 ) -> Network:
-    """Return a network to be trained.
+    """Return an untrained network.
 
-    Its steps are evenly spread over each input's range, and all weights are small and random.
+    Its steps are evenly spread over the range of each input. All weights are small and random.
 
     Args:
         points: inputs (n, d), for their ranges.
-        count: of classes.
-        steps: soft steps per input.
-        curves: made from the steps of each input.
+        count: number of classes.
+        steps: number of soft steps per input.
+        curves: number of curves made from the steps of each input.
         hidden: sizes of the dense layers.
         rng: source of randomness.
     """
@@ -70,7 +70,7 @@ def start(
 
 
 def shuffled(points: NDArray, classes: NDArray, batch: int, rng: np.random.Generator) -> Batches:
-    """Yield batches of the same data without end, in a new order in each pass."""
+    """Yield batches of the same data endlessly, in a new order in each pass."""
     while True:
         order = rng.permutation(len(points))
         for first in range(0, len(order) - batch + 1, batch):
@@ -79,9 +79,9 @@ def shuffled(points: NDArray, classes: NDArray, batch: int, rng: np.random.Gener
 
 
 def fresh(blocks: Iterator[tuple[NDArray, NDArray]], labels: NDArray, batch: int) -> Batches:
-    """Yield batches of blocks of points and labels, each seen once; `labels` are the classes."""
+    """Yield batches from blocks of points and labels, each used once. `labels` are the classes."""
     for points, given in blocks:
-        # What is left over of a block is dropped: fresh points cost little.
+        # The rest of a block is dropped, because new points are cheap.
         classes = np.searchsorted(labels, given)
         for first in range(0, len(points) - batch + 1, batch):
             yield points[first : first + batch], classes[first : first + batch]
@@ -95,19 +95,19 @@ def train(
     decay: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> Network:
-    """Return the network with its parameters trained by cross-entropy, (float32).
+    """Return the network with parameters trained by cross-entropy, in float32.
 
     Args:
-        net: from `start`.
+        net: network from `start`.
         batches: at least as many as updates.
-        updates: how many.
+        updates: number of updates.
         rate: largest step of Adam; it grows from zero and falls to zero along half a cosine.
-        decay: pull of all weights toward zero, as a share of the rate (Loshchilov and Hutter,
-            2019); steps are not pulled.
-        progress: told the share that is done.
+        decay: weight decay, as a share of the rate (Loshchilov and Hutter, 2019); steps have
+            none.
+        progress: called with the share that is done.
     """
-    # All parameters are one row of numbers, so that an update is a few operations; the names are
-    # views of it. What is trained is the logarithm of the sharpness, which so stays positive.
+    # All parameters are in one array, so that an update is a few operations. The names are
+    # views of it. The logarithm of the sharpness is trained, so the sharpness stays positive.
     begun = {**net, "sharpness": np.log(net["sharpness"])}
     row = np.concatenate([values.ravel() for values in begun.values()]).astype(np.float32)
     ends = np.cumsum([values.size for values in begun.values()])
@@ -140,7 +140,7 @@ def steps_of(net: Network, points: NDArray) -> NDArray:
 
 
 def layers_of(net: Network, steps: NDArray) -> list[NDArray]:
-    """Return the input of each dense layer, and last the log class weights (n, classes)."""
+    """Return the input of each dense layer, and at the end the log class weights (n, classes)."""
     curves = np.matmul(steps, net["mixing"])
     values = [np.ascontiguousarray(curves.transpose(1, 0, 2)).reshape(steps.shape[1], -1)]
     for layer in range(1, depth(net) + 1):
@@ -150,15 +150,15 @@ def layers_of(net: Network, steps: NDArray) -> list[NDArray]:
 
 
 def shares_of(z: NDArray) -> NDArray:
-    """Return the probability (n, classes) of each class from the logarithms of their weights."""
+    """Return the probability (n, classes) of each class from the log class weights."""
     weights = np.exp(z - z.max(axis=1, keepdims=True))
     return weights / weights.sum(axis=1, keepdims=True)
 
 
 def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
-    """Return the derivative of the mean cross-entropy by every parameter.
+    """Return the derivative of the mean cross-entropy with respect to every parameter.
 
-    For the sharpness it is by the logarithm.
+    For the sharpness it is the derivative with respect to the logarithm.
     """
     steps = steps_of(net, points)
     values = layers_of(net, steps)
@@ -177,8 +177,8 @@ def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
     slopes["mixing"] = np.matmul(steps.transpose(0, 2, 1), back)
     back = np.matmul(back, net["mixing"].transpose(0, 2, 1))
     back *= 1 - steps * steps
-    # The argument of a step is a (x - c): its derivatives by c and log a are -a and a (x - c),
-    # summed over the points.
+    # The argument of a step is a (x - c). Its derivatives with respect to c and log a are -a
+    # and a (x - c), summed over the points.
     by_place = back.sum(axis=1) * net["sharpness"]
     by_input = np.matmul(points.T[:, np.newaxis], back)[:, 0] * net["sharpness"]
     slopes["places"], slopes["sharpness"] = -by_place, by_input - net["places"] * by_place

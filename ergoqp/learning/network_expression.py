@@ -1,4 +1,4 @@
-"""A network's values and their slope as CasADi expressions; see `ergoqp.learning.network`."""
+"""Value and slope of a network as CasADi expressions, see `ergoqp.learning.network`."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ergoqp.learning.network import Network, depth
 
 
 def soft_steps(net: Network, x: ca.MX) -> ca.MX:
-    """Return the first layer's steps, of k columns of inputs (d, k)."""
+    """Return the soft steps of the first layer for k columns of inputs (d, k)."""
     places, sharpness = net["places"], net["sharpness"]
     shift = ca.DM((places * sharpness).ravel())
     return ca.tanh(ca.MX(_blocks(sharpness[..., np.newaxis])) @ x - ca.repmat(shift, 1, x.shape[1]))
 
 
 def dense_layers(net: Network, steps: ca.MX) -> list[ca.MX]:
-    """Return the curves of the steps, and what each dense layer makes of the layer before."""
+    """Return the curves that are made from the steps, and the output of each dense layer."""
     values = [ca.MX(_blocks(net["mixing"].transpose(0, 2, 1))) @ steps]
     for layer in range(1, depth(net) + 1):
         bias = ca.repmat(ca.DM(net[f"b{layer}"]), 1, steps.shape[1])
@@ -27,13 +27,13 @@ def dense_layers(net: Network, steps: ca.MX) -> list[ca.MX]:
 
 
 def led_back(net: Network, steps: ca.MX, values: list[ca.MX], slope: ca.MX) -> ca.MX:
-    """Return a slope by the last layer as one by the inputs (d,).
+    """Return the slope with respect to the inputs (d,), from that with respect to the last layer.
 
     Args:
         net: the network.
-        steps: of `soft_steps`.
-        values: of `dense_layers`.
-        slope: by the last of them.
+        steps: result of `soft_steps`.
+        values: result of `dense_layers`.
+        slope: slope with respect to the last of `values`.
     """
     for layer in range(depth(net), 0, -1):
         slope = ca.MX(ca.DM(net[f"W{layer}"])) @ slope
@@ -45,7 +45,7 @@ def led_back(net: Network, steps: ca.MX, values: list[ca.MX], slope: ca.MX) -> c
 
 
 def _blocks(blocks: NDArray) -> ca.DM:
-    """Return the matrix (d a, d b) with diagonal blocks (d, a, b) and nothing stored between."""
+    """Return the sparse matrix (d a, d b) with the diagonal blocks (d, a, b)."""
     count, rows, columns = blocks.shape
     full = np.zeros((count, rows, count, columns))
     full[np.arange(count), :, np.arange(count), :] = blocks

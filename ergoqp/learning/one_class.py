@@ -1,8 +1,8 @@
-"""The region where there were data: a one-class SVM with radial kernels.
+"""The region of the data: a one-class SVM with radial kernels.
 
-It decides by f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u - s|^2) and the
-scaled point u = (x - mean) / scale: inside where f >= 0. Its margin is in
-`ergoqp.learning.one_class_margin`.
+The decision function is f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0. The scaled point is
+u = (x - mean) / scale, and k(u, s) = exp(-gamma |u - s|^2). A point is inside where f >= 0.
+The margin is in `ergoqp.learning.one_class_margin`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from ergoqp.learning.one_class_margin import Margin
 from ergoqp.learning.pipelines import dense, sklearn, unpack
 
 KIND: Final = "one_class"
-"""Kind of its files."""
+"""The kind in the header of its files."""
 
 _TOLERANCE: Final = 1e-6
 """Accuracy of the fit.
 
-A thousandth, the default of scikit-learn, would leave twice the share of points outside.
+With a thousandth, the default of scikit-learn, twice the share of points would be outside.
 """
 
 Array = NDArray[np.float64]
@@ -40,13 +40,13 @@ class OneClass:
 
     Attributes:
         coordinates: names of the inputs.
-        gamma: of the kernel, per squared scaled unit.
+        gamma: gamma of the kernel, per squared scaled unit.
         mean: subtracted from the inputs (d,) [rad or m].
-        scale: divides the inputs then (d,) [rad or m].
+        scale: divides the result (d,) [rad or m].
         centres: support vectors, scaled (n, d), dimensionless.
         weights: a_i, positive (n,), dimensionless.
-        rho: level of the sum of kernels on the boundary, positive (dimensionless). It is kept as
-            `log_rho`.
+        rho: value of the sum of kernels on the boundary, positive (dimensionless). It is kept
+            as `log_rho`.
         log_rho: logarithm of rho.
 
     Example:
@@ -112,7 +112,7 @@ class OneClass:
 
     @property
     def gamma(self) -> float:
-        """Of the kernel, per squared scaled unit."""
+        """Gamma of the kernel, per squared scaled unit."""
         return self._sum.kernel.gamma
 
     @property
@@ -122,7 +122,7 @@ class OneClass:
 
     @property
     def scale(self) -> Array:
-        """Divides then (d,)."""
+        """Divides the inputs after that (d,)."""
         return self._sum.scale
 
     @property
@@ -144,17 +144,18 @@ class OneClass:
         gamma: float | None = None,
         scale: bool = True,
     ) -> OneClass:
-        """Fit the boundary of a cloud of points.
+        """Fit the boundary of a set of points.
 
         Args:
             points: (n, d), in the order of `coordinates` [rad or m].
             coordinates: names of the columns.
-            nu: share of the points left outside, at most; above 0, below 1.
-            gamma: of the kernel, per squared scaled unit; None: 1 / d.
-            scale: whether to give every column mean 0 and variance 1 first.
+            nu: upper bound of the share of points outside; above 0, below 1.
+            gamma: gamma of the kernel, per squared scaled unit; None: 1 / d.
+            scale: first scale every column to mean 0 and variance 1.
 
         Raises:
-            ModelError: if the points cannot be used, or nothing is inside the fit.
+            ModelError: if the points cannot be used, or no point is inside the fitted
+                boundary.
             MissingExtraError: if scikit-learn is not installed.
         """
         names = _coordinates(coordinates)
@@ -184,15 +185,15 @@ class OneClass:
     def from_estimator(cls, estimator: Any, coordinates: Coordinates | Sequence[str]) -> OneClass:
         """Return the boundary of a fitted `sklearn.svm.OneClassSVM`.
 
-        A pipeline of scalers and one such machine is taken too.
+        A pipeline of scalers and one such machine is accepted too.
 
         Args:
             estimator: fitted, with radial kernels.
             coordinates: names of its inputs.
 
         Raises:
-            ModelError: for another estimator or kernel, or one that is not fitted or leaves nothing
-                inside.
+            ModelError: if the estimator or its kernel is another one, it is not fitted, or
+                nothing is inside.
             MissingExtraError: if scikit-learn is not installed.
         """
         names = coordinates if isinstance(coordinates, Coordinates) else Coordinates(coordinates)
@@ -201,7 +202,7 @@ class OneClass:
             raise ModelError(f"estimator: got a {type(svm).__name__}, allowed a OneClassSVM")
         if svm.kernel != "rbf":
             raise ModelError(f"OneClassSVM: got the kernel {svm.kernel!r}, allowed 'rbf'")
-        gamma = svm._gamma  # what "scale" and "auto" came to; there is no public name for it
+        gamma = svm._gamma  # the value of "scale" and "auto", which has no public name
         centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
         if np.exp(model.log_rho) * np.expm1(model._margin.summit()) < -svm.tol:
@@ -212,7 +213,7 @@ class OneClass:
         return model
 
     def decision(self, points: ArrayLike) -> Array:
-        """Return f (n,) of inputs (n, d), as `decision_function` of scikit-learn."""
+        """Return f (n,) of inputs (n, d), as `decision_function` of scikit-learn does."""
         return self._sum.values(points)
 
     def margin(self, points: ArrayLike) -> Array:
@@ -244,7 +245,8 @@ def load_one_class(path: Path | str) -> OneClass:
     """Return the model that :meth:`OneClass.save` wrote.
 
     Raises:
-        ModelError: if the file is not there, cut, changed, or holds something else.
+        ModelError: if the file does not exist, is truncated or changed, or holds something
+            else.
     """
     header, arrays = load_model(path)
     if header.get("kind") != KIND:

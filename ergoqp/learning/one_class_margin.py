@@ -1,17 +1,17 @@
-"""The margin of a one-class SVM with radial kernels, whose slope never vanishes.
+"""The margin of a one-class SVM with radial kernels, with a slope that does not vanish far away.
 
-Far from the data f(x) = sum_i a_i k(u, s_i) - rho, k(u, s) = exp(-gamma |u - s|^2), is flat, so the
-margin is
+Far from the data, f(x) = sum_i a_i k(u, s_i) - rho with k(u, s) = exp(-gamma |u - s|^2) is
+flat. So the margin is written as a logarithm:
 
-    g(x) = log sum_i a_i k(u, s_i) - log rho:
+    g(x) = log sum_i a_i k(u, s_i) - log rho.
 
-the same zero set, and it falls like -gamma times the squared distance. As a log-sum-exp of concave
-quadratics that share one curvature it has a bound from below for every displacement D of the scaled
-point,
+It has the same zero set, and it falls like -gamma times the squared distance. It is a
+log-sum-exp of concave quadratics that share one curvature. So it has a lower bound for every
+displacement D of the scaled point,
 
     g(u + D) >= g(u) + grad g . D - gamma |D|^2,
 
-on which `ergoqp.limits.OneClassBoundary` builds a row that holds exactly.
+from which `ergoqp.limits.OneClassBoundary` builds a row that holds exactly.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.learning.kernels import KernelSum
 
 _CHUNK: Final = 4_000_000
-"""Entries of a kernel matrix that are held at once."""
+"""Number of entries of a kernel matrix that are held at once."""
 
 _STARTS: Final = 16
-"""From so many support vectors the largest margin is looked for,"""
+"""Number of support vectors from which the largest margin is searched."""
 
 _CLIMB: Final = 30
-"""in so many steps."""
+"""Number of steps of this search."""
 
 Array = NDArray[np.float64]
 
 
 class Margin:
-    """g of a sum of kernels."""
+    """The margin g of a sum of kernels."""
 
     def __init__(self, kernels: KernelSum, log_rho: float) -> None:
-        """Take the sum, all of whose weights are positive, and the logarithm of rho."""
+        """Take a sum with positive weights only, and the logarithm of rho."""
         self._sum, self._log_rho = kernels, log_rho
         self._gamma = kernels.kernel.gamma
 
@@ -62,10 +62,11 @@ class Margin:
         return largest + np.log(np.exp(exponents - largest[:, np.newaxis]).sum(axis=1))
 
     def summit(self) -> float:
-        """Return the largest margin found uphill from the most inner support vectors.
+        """Return the largest margin that is found uphill from the innermost support vectors.
 
-        All support vectors can be outside and points inside. Moving each point to the mean of the
-        centres, weighted by their shares in the sum, never goes down (mean shift).
+        All support vectors can be outside although other points are inside. Each step moves a
+        point to the mean of the centres, weighted by their shares in the sum. This never
+        lowers the margin (mean shift).
         """
         rows = self._sum.points[
             np.argsort(-self(self._sum.centres * self._sum.scale + self._sum.mean))[:_STARTS]
@@ -77,9 +78,9 @@ class Margin:
         return float(self(rows * self._sum.scale + self._sum.origin).max())
 
     def _exponents(self, rows: Array) -> Array:
-        """Return the exponents (n, centres) of points, without -gamma |u|^2.
+        """Return the exponents (n, centres) at points, without -gamma |u|^2.
 
-        The points are as seen from the origin, scaled (n, d).
+        The points are scaled and relative to the origin (n, d).
         """
         return self._offsets + 2 * self._gamma * rows @ self._sum.points.T
 
@@ -87,7 +88,7 @@ class Margin:
     def _offsets(self) -> Array:
         """Exponents at the origin (n,): log a_i - gamma |s_i|^2.
 
-        What all share, -gamma |u|^2, is left out of the sum.
+        The common term -gamma |u|^2 is left out of the sum.
         """
         return np.log(self._sum.weights) - self._gamma * (self._sum.points**2).sum(axis=1)
 
@@ -95,8 +96,9 @@ class Margin:
     def function(self) -> ca.Function:
         """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
 
-        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma (sum_i
-        p_i s_i - u). The largest exponent is taken out first, so that far away nothing underflows.
+        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma
+        (sum_i p_i s_i - u). The largest exponent is subtracted first, so that nothing
+        underflows far away.
         """
         scale = self._sum.scale
         x = ca.MX.sym("x", len(scale))

@@ -1,4 +1,4 @@
-"""Read fitted scikit-learn pipelines: the last estimator, and the affine scaling before it."""
+"""Reading fitted scikit-learn pipelines: the last estimator, and the affine scaling before it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import MissingExtraError, ModelError
 
 SCALERS: Final = ("StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler")
-"""What may come before the estimator: all of the form (x - mean) / scale."""
+"""Steps that may come before the estimator. All have the form (x - mean) / scale."""
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ def sklearn(module: str, what: str) -> ModuleType:
 
     Args:
         module: its name below ``sklearn``.
-        what: needs it, for the sentence.
+        what: what needs it, for the message.
 
     Raises:
         MissingExtraError: if scikit-learn is not installed.
@@ -37,7 +37,7 @@ def require_fitted(estimator: Any) -> None:
     """Check that an object is a fitted estimator of scikit-learn.
 
     Raises:
-        ModelError: if it is none, or not fitted.
+        ModelError: if it is not an estimator, or not fitted.
         MissingExtraError: if scikit-learn is not installed.
     """
     check = sklearn("utils.validation", "reading an estimator").check_is_fitted
@@ -55,17 +55,19 @@ def require_fitted(estimator: Any) -> None:
 
 
 def unpack(estimator: Any, width: int) -> tuple[Array, Array, Any]:
-    """Take a pipeline of scalers and one estimator apart.
+    """Split a pipeline into the scaling and the last estimator.
 
     Args:
-        estimator: fitted; a pipeline, or an estimator by itself.
+        estimator: a fitted pipeline, or a fitted estimator alone.
         width: number of inputs d.
 
     Returns:
-        (mean (d,), scale (d,), last estimator): the last one sees (x - mean) / scale.
+        (mean (d,), scale (d,), last estimator). The input of the last one is (x - mean) /
+        scale.
 
     Raises:
-        ModelError: if it is not fitted, has another number of inputs, or a step that is no scaler.
+        ModelError: if it is not fitted, the number of inputs differs, or a step is not a
+            scaler.
         MissingExtraError: if scikit-learn is not installed.
     """
     require_fitted(estimator)
@@ -83,10 +85,10 @@ def unpack(estimator: Any, width: int) -> tuple[Array, Array, Any]:
 
 
 def affine(scaler: Any, width: int) -> tuple[Array, Array]:
-    """Return (mean, scale) of a fitted scaler, which does (x - mean) / scale.
+    """Return (mean, scale) of a fitted scaler, which computes (x - mean) / scale.
 
     Raises:
-        ModelError: if it is not one of `SCALERS`, or clips.
+        ModelError: if it is not one of `SCALERS`, or if it clips.
     """
     kind = type(scaler).__name__
     if kind not in SCALERS:
@@ -99,11 +101,11 @@ def affine(scaler: Any, width: int) -> tuple[Array, Array]:
     if kind == "MinMaxScaler":
         return -scaler.min_ / scale, 1 / scale
     shift = getattr(scaler, "mean_" if kind == "StandardScaler" else "center_", None)
-    # A StandardScaler knows the mean even where it does not subtract it.
+    # A StandardScaler has a mean even if it does not subtract it.
     used = shift is not None and getattr(scaler, "with_mean", True)
     return np.array(shift, dtype=float) if used else np.zeros(width), scale
 
 
 def dense(values: Any) -> Array:
-    """Return an array of an estimator, which is sparse if it was fitted to sparse data."""
+    """Return an array of an estimator as a dense one. It is sparse if the data of the fit were."""
     return np.asarray(values.toarray() if hasattr(values, "toarray") else values, dtype=float)

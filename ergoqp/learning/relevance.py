@@ -1,9 +1,10 @@
-"""How much each column matters to a label: length scales by the evidence of a Gaussian process.
+"""Relevance of each column for a label: length scales by the evidence of a Gaussian process.
 
-For labels y of standardised points and the kernel s^2 exp(-sum_j r_j (x_j - x'_j)^2) + noise, the
-relevances r_j maximise the marginal likelihood (Rasmussen and Williams, Gaussian Processes for
-Machine Learning, 2006, eq. 5.8 and 5.9). Columns that do not matter end near zero. A kernel machine
-fitted to columns times sqrt(r_j) sees distances that mean something.
+For labels y of standardised points and the kernel s^2 exp(-sum_j r_j (x_j - x'_j)^2) + noise,
+the relevances r_j maximise the marginal likelihood (Rasmussen and Williams, Gaussian Processes
+for Machine Learning, 2006, eq. 5.8 and 5.9). Columns that do not matter get values near zero.
+A kernel machine should be fitted to columns times sqrt(r_j), so that the distances are
+meaningful.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from ergoqp.errors import MissingExtraError
 Array = NDArray[np.float64]
 
 _LEAST_NOISE: Final = 1e-4
-"""Smallest noise variance, relative to the labels': keeps the kernel matrix positive definite."""
+"""Smallest noise variance relative to the labels'. It keeps the kernel matrix positive definite."""
 
 _MOST_SIGNAL: Final = 4.0
 """Largest s^2, relative to the variance of the labels.
 
-A nearly linear effect would otherwise be a kernel of almost no relevance and a huge factor, which a
-machine with bounded weights cannot follow.
+Without it, a nearly linear effect would become a kernel with almost no relevance and a huge
+factor. A machine with bounded weights cannot represent that.
 """
 
 _RANGE: Final = (-16.0, 6.0)
-"""Of the logarithms of the relevances."""
+"""Range of the logarithms of the relevances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,9 @@ class Relevance:
 
     Attributes:
         factors: r (d,) per squared unit of the column.
-        slopes: standard deviation of the label's slope along each column, sqrt(2 r) s (d,), before
-            any label is seen.
-        cost: negative log likelihood per point: the lower, the better the columns explain the
+        slopes: prior standard deviation of the slope of the label along each column, sqrt(2 r)
+            s (d,).
+        cost: negative log likelihood per point; the lower, the better the columns explain the
             labels.
     """
 
@@ -57,9 +58,9 @@ def relevance(
     Args:
         points: (n, d), each column with a variance near 1.
         labels: (n,).
-        seed: of the part.
-        count: points of the part; time grows with its cube.
-        rounds: steps of the search (L-BFGS).
+        seed: seed of the random part.
+        count: number of points of the part; time grows with its cube.
+        rounds: iterations of the search (L-BFGS).
 
     Returns:
         How much each column matters.
@@ -94,7 +95,7 @@ def relevance(
 def _cost(logs: Array, x: Array, y: Array) -> tuple[float, Array]:
     """Return the negative log likelihood per point, without its constant.
 
-    Also return its gradient by the logarithms.
+    Also return its gradient with respect to the logarithms.
     """
     from scipy.linalg import cholesky, lapack
 
@@ -106,12 +107,12 @@ def _cost(logs: Array, x: Array, y: Array) -> tuple[float, Array]:
         -np.maximum(lengths[:, np.newaxis] + lengths - 2 * scaled @ scaled.T, 0)
     )
     factor = cholesky(kernel + noise * np.eye(n), lower=True)
-    # Made at run time.
+    # This name is created at run time, so pyright does not know it.
     inverse = lapack.dpotri(factor, lower=1)[0]  # pyright: ignore[reportAttributeAccessIssue]
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
     weights = inverse @ y
     value = 0.5 * y @ weights + np.log(np.diag(factor)).sum()
-    # d value / d K = -W / 2; every derivative of K is K times something of the points, so no
+    # d value / d K = -W / 2. Every derivative of K is K times a function of the points, so no
     # further n x n matrix is needed.
     pull = (np.outer(weights, weights) - inverse) * kernel
     by_relevance = (pull.sum(axis=1)[:, np.newaxis] * x**2).sum(axis=0) - (x * (pull @ x)).sum(

@@ -1,4 +1,4 @@
-"""Finished starts in a file, line by line, so that a run that was killed goes on where it was."""
+"""Finished starts in a file, line by line, so that a run that was killed can continue."""
 
 from __future__ import annotations
 
@@ -24,33 +24,33 @@ FILE = "optimum_starts.jsonl"
 """Name of the file in a folder of results."""
 
 VERSION = 2
-"""Of the method: trials of another one are not taken over."""
+"""Version of the method. Trials of another version are not reused."""
 
 _PROBES = 64
 
 
 class Ledger:
-    """The trials of one task in a file that may hold others' too.
+    """The trials of one task, in a file that may also contain those of other tasks.
 
-    Nothing is ever lost but a line that was cut.
+    Nothing is lost except a line that was cut off.
 
     Attributes:
-        trials: those of the task, by number.
+        trials: trials of the task, by number.
     """
 
     def __init__(self, folder: Path, key: str) -> None:
-        """Read what is there; a file that is not there is made with the first trial.
+        """Read the file. If it does not exist, the first trial creates it.
 
         Raises:
-            OSError: if the file is there and cannot be read.
+            OSError: if the file exists and cannot be read.
         """
         self._path, self._key = folder / FILE, key
         self.trials: dict[int, Trial] = {}
         text = (
             self._path.read_text(encoding="utf-8", errors="replace") if self._path.is_file() else ""
         )
-        # A process that was killed while writing left half a line: the next one must not continue
-        # it.
+        # A process that was killed while writing leaves half a line. The next line must not
+        # continue it.
         self._before = "" if not text or text.endswith("\n") else "\n"
         for line in text.splitlines():
             try:
@@ -62,7 +62,7 @@ class Ledger:
                 continue
 
     def add(self, trial: Trial) -> None:
-        """Keep a trial, on the disk when this returns.
+        """Keep a trial. It is on the disk when this returns.
 
         Raises:
             OSError: if it cannot be written.
@@ -77,10 +77,10 @@ class Ledger:
 
 
 def key_of(task: PlaceTask) -> str:
-    """Return what a trial depends on besides its number, as a short text.
+    """Return a short text for everything that a trial depends on besides its number.
 
-    Cost and limits are known by the fields that they are made of and, as code may change without
-    them, by what they say of some postures and places.
+    Cost and limits are identified by their fields and, because their code may change without
+    them, by their values at some postures and places.
     """
     problem, begin = task.problem, task.begin
     content = {
@@ -100,14 +100,14 @@ def key_of(task: PlaceTask) -> str:
 
 
 def _postures(task: PlaceTask) -> np.ndarray:
-    """Some from near comfort, where data are, to far from it (n, 32) [rad]."""
+    """Return postures from near comfort, where data are, to far from it (n, 32) [rad]."""
     far = np.linspace(0.02, 1.0, _PROBES)[:, None]
     drawn = np.random.default_rng(7).uniform(-1.0, 1.0, (_PROBES, len(JOINTS)))
     return task.person.response.comfort + far * drawn
 
 
 def _said(task: PlaceTask, limit: Any) -> list[Any]:
-    """What a limit says of some postures and places; nothing where its fields say everything."""
+    """Return a limit's values at some postures and places, empty if its fields define it."""
     own = task.problem.own_limits
     if any(limit is each for each in own.limits):
         turns = np.random.default_rng(8).uniform(-np.pi, np.pi, (_PROBES, 6))

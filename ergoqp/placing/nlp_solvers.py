@@ -1,4 +1,4 @@
-"""Nonlinear solvers by name, their settings for the stated residual, and the program's modes."""
+"""Nonlinear solvers by name, their settings for the required residual, and the program's modes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 
 MODES: Final = ("stackelberg", "cooperative")
-"""Who chooses the posture: the person alone, as they come to rest; or the optimiser too.
+"""Who chooses the posture: the person alone, by coming to rest; or the optimiser too.
 
-The second is an optimistic bound.
+The second mode is an optimistic bound.
 """
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
@@ -58,7 +58,7 @@ def check_names(mode: str, solver: str) -> None:
     """Check the names of mode and solver.
 
     Raises:
-        InputError: for one that is not known.
+        InputError: if one of them is unknown, or CasADi was built without the solver.
     """
     for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
         if not isinstance(value, str) or value not in allowed:

@@ -1,4 +1,4 @@
-"""How far what a solver left is from optimal, reckoned from the program's own expressions."""
+"""How far a solution is from optimal, computed from the expressions of the program."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import casadi as ca
 import numpy as np
 
 Ends = tuple[np.ndarray, np.ndarray]
-"""Lower and upper."""
+"""Lower and upper ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a solver left.
+    """Result of a solver.
 
     Attributes:
-        values: of all unknowns (n,).
-        residual: largest violation of the optimality conditions, recomputed from the program's own
-            expressions.
+        values: values of all unknowns (n,).
+        residual: largest violation of the optimality conditions, recomputed from the
+            expressions of the program.
     """
 
     values: np.ndarray
@@ -46,15 +46,15 @@ def violation(slope: np.ndarray, bounded: Iterable[tuple[Ends, np.ndarray, np.nd
     """Return the largest violation of the optimality conditions; inf if any is not a number.
 
     Args:
-        slope: of the Lagrangian (n,) [points per unit].
-        bounded: of unknowns and of rows: their ends, their values, and their multipliers; a
-            positive one belongs to the upper end.
+        slope: slope of the Lagrangian (n,) [points per unit].
+        bounded: for the unknowns and for the rows: their ends, values, and multipliers; a
+            positive multiplier belongs to the upper end.
     """
     worst = [np.abs(slope).max()]
     for (low, high), values, multipliers in bounded:
         worst.append(np.maximum(low - values, values - high).max(initial=0.0))
         end = np.where(multipliers > 0, high - values, values - low)
-        # Where there is no end there may be no multiplier either.
+        # Without an end the multiplier must be zero.
         worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
     largest = float(np.max(worst))
     return largest if np.isfinite(largest) else float("inf")

@@ -1,4 +1,4 @@
-"""The object's best place for one person: many starts, solved anywhere, the best by exact score."""
+"""The best place of the object for one person: many starts, and the best end by exact score."""
 
 from __future__ import annotations
 
@@ -46,40 +46,42 @@ def optimise(
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Optimum:
-    """Look for the object's place where the person, left to come to rest, has the lowest score.
+    """Find the place of the object at which the person, at rest there, has the lowest score.
 
-    The leader places the object, and the follower comes to rest (`ergoqp.placing.rest`). The
-    conditions of the rest make this one nonlinear program. It is solved from many places, with a
-    smooth score that becomes narrower step by step. At the end of every start the person settles
-    (`Alike.settle`), and the exact sheet gives the score. The start with the lowest exact score is
-    the best; among equals it is the one with the lowest cost.
+    The object leads and the person follows: they come to rest at the place
+    (`ergoqp.placing.rest`). The conditions of the rest make this one nonlinear program. It is
+    solved from many places, with a smooth score that becomes narrower from stage to stage. At
+    the end of every start the person settles (`Alike.settle`), and the exact sheet gives the
+    score. The start with the lowest exact score wins. Of equal scores the lowest cost wins.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        posture: in which the person holds the object now (32,) [rad]; None: an awkward one, drawn
-            with the seed.
-        starts: how many; the first is where the object is now.
-        seed: of the places that starts begin at.
-        jobs: processes to use.
-        mode: ``"stackelberg"``, or ``"cooperative"``: the person's posture is chosen too, an
-            optimistic bound.
+        posture: posture in which the person holds the object now (32,) [rad]; None: an awkward
+            one, drawn with the seed.
+        starts: number of starts; the first is where the object is now.
+        seed: seed of the places from which the starts begin.
+        jobs: number of processes.
+        mode: ``"stackelberg"``, or ``"cooperative"``: the posture of the person is chosen too,
+            which gives an optimistic bound.
         solver: ``"ipopt"``, ``"fatrop"`` or ``"sqpmethod"``.
-        pose: of the object now (4, 4) [m]; None: where the posture has it.
-        person: who holds it, or their body; None: the person of the problem's response.
-        tau_deg: scale of the smooth score in the last stage [deg]; a cost that is not the smooth
-            score has none.
-        scheduler: address of a Dask scheduler whose workers solve the starts; None: this machine.
-        out: folder for finished starts: a run with the same content goes on from them.
-        assumptions: sentences on what was taken as given before, for the report.
+        pose: pose of the object now (4, 4) [m]; None: as the posture holds it.
+        person: who holds the object, or their body; None: the person of the problem's
+            response.
+        tau_deg: scale of the smooth score in the last stage [deg]; not used by a cost that is
+            not the smooth score.
+        scheduler: address of a Dask scheduler whose workers solve the starts; None: this
+            machine.
+        out: folder for finished starts. A run with the same inputs continues from them.
+        assumptions: sentences on earlier assumptions, for the report.
         progress: called with the share of the starts that is done.
 
     Returns:
-        The best place and every start. It does not depend on `jobs` or `scheduler`.
+        The best place and all starts. The result does not depend on `jobs` or `scheduler`.
 
     Raises:
-        InputError: if an argument is not usable, or no start ends where the object may be and the
-            person reaches it.
-        MissingExtraError: if what several processes or a cluster need is not installed.
+        InputError: if an argument is not usable, or no start ends at a place that the limits
+            allow and the person reaches.
+        MissingExtraError: if a package for several processes or a cluster is not installed.
         OSError: if `out` cannot be written.
 
     Example:
@@ -99,7 +101,7 @@ def optimise(
     assumptions = sentences("assumptions", assumptions)
     follower = _follower(problem, person)
     notes: list[str] = []
-    # What is wrong with the task itself is said before anything is looked for.
+    # Report faults of the task itself before any search.
     check_names(mode, solver)
     Place.of(problem)
     if posture is None:
@@ -158,7 +160,7 @@ def _solve(
     out: str | Path | None,
     progress: Progress | None,
 ) -> list[Trial]:
-    """Return the trials of all starts, in order; those a former run finished are taken over."""
+    """Return the trials of all starts, in order. Starts that an earlier run finished are reused."""
     key = key_of(task)
     ledger = None
     if out is not None:
@@ -180,7 +182,7 @@ def _solve(
 
 
 def _stands(problem: Problem, trial: Trial) -> bool:
-    """Say whether the limits still allow where a start of a former run ended."""
+    """Return whether the limits still allow the end of a start of an earlier run."""
     return not trial.reba or not problem.own_limits.broken(trial.pose, trial.posture)
 
 
@@ -193,8 +195,8 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
             f"problem {problem.name}: none of {len(trials)} starts ended at a place that counts"
             f" ({words}); enlarge the workspace or loosen the limits"
         )
-    # Of equal scores what is proven optimal comes first; the order of the starts decides at last,
-    # not that of their ends.
+    # Of equal scores an end that is proven optimal comes first. The last criterion is the
+    # number of the start, which does not depend on the order in which starts finish.
     return min(
         counting,
         key=lambda trial: (

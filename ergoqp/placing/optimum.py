@@ -1,4 +1,4 @@
-"""The best place found for a person and a task, how it was verified, its file ``optimum.json``."""
+"""The best place for a person and a task, how it was verified, and its file ``optimum.json``."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ _ARRAYS = {"pose": (4, 4), "posture": (len(JOINTS),)}
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What became of one start.
+    """Result of one start.
 
     Attributes:
-        number: of the start, 0 to starts - 1.
-        pose: of the object where it ended (4, 4) [m].
-        posture: at which the person comes to rest there (32,) [rad]; `mode="cooperative"`: the
-            posture that was chosen.
-        reba: exact score of that posture; 0 where it does not count: out of reach, or outside a
-            limit.
+        number: number of the start, 0 to starts - 1.
+        pose: pose of the object at the end (4, 4) [m].
+        posture: posture in which the person comes to rest there (32,) [rad];
+            `mode="cooperative"`: the posture that was chosen.
+        reba: exact score of that posture; 0 if the trial does not count, because the place is
+            out of reach or violates a limit.
         cost: smooth cost of that posture at the final tau [points].
-        kkt_residual: largest violation of the optimality conditions of the single-level problem,
-            recomputed (dimensionless).
-        apart: largest difference of a joint between the program's posture and the one the person
-            comes to rest at [rad].
+        kkt_residual: largest violation of the optimality conditions of the single-level
+            problem, recomputed (dimensionless).
+        apart: largest difference of a joint between the posture of the program and that in
+            which the person comes to rest [rad].
         seconds: time that the start took [s].
-        note: why it does not count, empty if it does.
+        note: why the trial does not count; empty if it does.
 
     Example:
         >>> import ergoqp
@@ -69,10 +69,10 @@ class Trial:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Trial:
-        """Return the trial of `as_dict`.
+        """Return the trial from the result of `as_dict`.
 
         Raises:
-            KeyError, TypeError, ValueError: if it is not one.
+            KeyError, TypeError, ValueError: if it does not describe a trial.
         """
         found = _with_arrays({name: values[name] for name in cls.__dataclass_fields__})
         for name, kinds in _KINDS.items():
@@ -89,25 +89,26 @@ class Optimum:
     Attributes:
         problem: name of the problem.
         title: the problem in a few words, for people.
-        mode: ``"stackelberg"``: the object is placed, and the person comes to rest as they do;
-            ``"cooperative"``: the person chooses the posture too, which bounds from below what a
-            place can do.
+        mode: ``"stackelberg"``: the object is placed, and the person comes to rest by comfort;
+            ``"cooperative"``: the posture is chosen too, which is a lower bound of what a
+            place can achieve.
         solver: name of the nonlinear solver.
-        seed: of the starts.
-        response: the person whose posture it is: body, weights, comfort.
+        seed: seed of the starts.
+        response: the person of the posture: body, weights, comfort.
         pose: best pose of the object's contact frame (4, 4) [m].
-        posture: of the person there (32,) [rad].
-        reba_before: exact score of the posture that was given.
+        posture: posture of the person there (32,) [rad].
+        reba_before: exact score of the given posture.
         reba_after: exact score at the best pose.
-        kkt_residual: largest violation of the optimality conditions of the single-level problem at
-            the final tau (dimensionless).
-        cost_before: smooth cost at the final tau of the posture that was given [points].
-        cost_after: the same at the best pose [points].
-        tau_deg: scale of the smooth score in the last stage [deg]; None for a cost that has none.
-        pose_before: pose of the object that was given (4, 4) [m].
-        posture_before: posture that was given (32,) [rad].
-        trials: of every start, in order.
-        assumptions: sentences on what was taken as given.
+        kkt_residual: largest violation of the optimality conditions of the single-level
+            problem at the final tau (dimensionless).
+        cost_before: smooth cost of the given posture at the final tau [points].
+        cost_after: smooth cost at the best pose [points].
+        tau_deg: scale of the smooth score in the last stage [deg]; None for a cost without
+            one.
+        pose_before: given pose of the object (4, 4) [m].
+        posture_before: given posture (32,) [rad].
+        trials: results of all starts, in order.
+        assumptions: sentences on what was assumed.
 
     Example:
         >>> import ergoqp
@@ -142,7 +143,7 @@ class Optimum:
     assumptions: tuple[str, ...] = field(default=())
 
     def __repr__(self) -> str:
-        """Say in one line what was found where."""
+        """Return the result in one line."""
         x, y, z = self.pose[:3, 3]
         return (
             f"Optimum({self.problem!r}, {self.mode}: REBA {self.reba_before} -> {self.reba_after}"
@@ -151,7 +152,7 @@ class Optimum:
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write it as JSON and return the path of the file; a folder gets ``optimum.json``.
+        """Write the optimum as JSON and return the path of the file, ``optimum.json`` in a folder.
 
         Raises:
             OSError: if the file cannot be written.
@@ -164,7 +165,7 @@ class Optimum:
         return path
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what the file holds: plain numbers, texts, lists and dicts; angles in rad.
+        """Return the contents of the file: numbers, texts, lists and dicts; angles in rad.
 
         See ``docs/optimum_json.md``.
         """
@@ -183,13 +184,13 @@ class Optimum:
 
     @classmethod
     def load(cls, path: str | Path) -> Optimum:
-        """Read what `save` wrote.
+        """Read a file that `save` wrote.
 
         Args:
-            path: the file, or the folder that holds ``optimum.json``.
+            path: the file, or the folder that contains ``optimum.json``.
 
         Raises:
-            InputError: if there is none, or it is not one.
+            InputError: if the file does not exist or is not an optimum.
         """
         path = Path(path)
         path = path / FILE if path.is_dir() else path

@@ -1,4 +1,4 @@
-"""Independent pieces of work on several processes, in the order they were given."""
+"""Independent calls on several processes, with results in the order of the calls."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ergoqp.errors import MissingExtraError
 
 
 def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1) -> Iterator[Any]:
-    """Yield the result of every call as soon as those before it are there.
+    """Yield the result of every call as soon as it and all before it are done.
 
     Args:
-        function: of a module, so that another process finds it.
-        calls: its arguments.
-        jobs: number of processes; 1 stays in this one.
+        function: a function of a module, so that another process can import it.
+        calls: arguments of each call.
+        jobs: number of processes; 1: this process.
 
     Raises:
-        InputError: for a number of jobs below 1.
-        MissingExtraError: if joblib is not installed and more than one process is wanted.
+        InputError: if `jobs` is below 1.
+        MissingExtraError: if joblib is not installed and more than one process is needed.
     """
     check_whole("jobs", jobs, 1)
     if jobs == 1 or len(calls) < 2:

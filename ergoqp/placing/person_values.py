@@ -1,4 +1,4 @@
-"""A person as plain values: for files, keys of what was computed before, and other processes."""
+"""A person as plain values: for files, cache keys and other processes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _TERMS = (
 
 
 def response_as_dict(response: IkResponse) -> dict[str, Any]:
-    """Return a response as plain numbers, texts, lists; `response_from_dict` makes an equal one."""
+    """Return a response as numbers, texts and lists. `response_from_dict` makes an equal one."""
     return {
         **response.body.as_dict(),
         "weights": dict(zip(JOINTS, response.weight_vector.tolist(), strict=True)),
@@ -37,10 +37,10 @@ def response_as_dict(response: IkResponse) -> dict[str, Any]:
 
 
 def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
-    """Return the response that `response_as_dict` described.
+    """Return the response from the result of `response_as_dict`.
 
     Raises:
-        KeyError, TypeError, InputError: if the values are not those of one.
+        KeyError, TypeError, InputError: if it does not describe a response.
     """
     body = Body(values["stature_m"], values["lengths_m"], values["mass_kg"])
     terms = {name: values[name] for name in _TERMS}
@@ -50,7 +50,7 @@ def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
 
 
 def plain(value: Any) -> Any:
-    """Return an array or a tuple as a list, a number of NumPy's as Python's, the rest as it is."""
+    """Return arrays and tuples as lists, NumPy numbers as Python numbers, all else unchanged."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Where the object may be: the leader's unknowns, from its limits and the axes of its twist."""
+"""Where the object may be: the unknowns of the place, from its limits and the axes of its twist."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.workspace import frame_of, turn_about
 
 _STEEPEST = np.radians(85.0)
-"""Largest tilt about the frame's z [rad]: at a quarter turn the two tilts would be one."""
+"""Largest tilt about z of the frame [rad]. At a quarter turn the two tilts would coincide."""
 _NEAR = 0.02
-"""How far outside its box an object may be along an axis that it cannot move along [m].
+"""Allowed distance of the object from its box along an axis that it cannot move along [m].
 
 The hand yields a little.
 """
@@ -23,19 +23,21 @@ The hand yields a little.
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The poses among which the best is looked for.
+    """The poses among which the search takes place.
 
-    The position is in the box and the tool axis in the cone, along the twist's axes only.
+    The position is in the box and the tool axis in the cone. Only the axes of the twist can
+    change.
 
-    The object does not roll about its own tool axis. With two or three turning axes the tool's axis
-    tilts about y and z of the level frame of the cone; with one it turns about that axis from where
-    it is; with none it keeps its rotation.
+    The object does not roll about its own tool axis. With two or three turning axes the tool
+    axis tilts about y and z of the level frame of the cone. With one turning axis it turns
+    about that axis from its given rotation. With none it keeps its rotation.
 
     Attributes:
-        kinds: of each unknown: 0, 1, 2 for a coordinate, 3 and 4 for the tilts, 5 for the one turn.
+        kinds: kind of each unknown: 0, 1, 2 for a coordinate, 3 and 4 for the tilts, 5 for the
+            single turn.
         lower: least value of each unknown [m, rad].
         upper: greatest value [m, rad].
-        axis: 0, 1, 2 for the world axis of the one turn; -1 without one.
+        axis: 0, 1, 2 for the world axis of the single turn; -1 without one.
         direction: middle of the cone (3,).
         least_cosine: cosine of its half angle.
     """
@@ -75,19 +77,20 @@ class Place:
         )
 
     def anchor(self, problem: Problem, pose: np.ndarray) -> np.ndarray:
-        """Return the pose (4, 4) that the unknowns move away from.
+        """Return the pose (4, 4) to which the unknowns are applied.
 
-        What they leave alone is as it is at the start.
+        Everything that they do not change is as at the start.
 
         Raises:
-            InputError: if the object is outside of its box along an axis that it cannot move.
+            InputError: if the object is outside its box along an axis that it cannot move
+                along.
         """
         box = problem.limit_of(WorkspaceBox)
         anchor = pose.copy()
         anchor[:3, 3] = np.clip(pose[:3, 3], box.lower, box.upper)
         off = np.abs(anchor[:3, 3] - pose[:3, 3])
         for i in set(range(3)) - set(self.kinds):
-            # A box without width says itself where the object is.
+            # A box without width defines where the object is.
             if off[i] > _NEAR and box.lower[i] < box.upper[i]:
                 raise InputError(
                     f"object: got {'xyz'[i]} = {pose[i, 3]:.2f} m, where it cannot move, "
@@ -110,7 +113,7 @@ class Place:
         return position, rotation
 
     def pose(self, unknowns: np.ndarray, anchor: np.ndarray) -> np.ndarray:
-        """Return the pose (4, 4) of unknowns."""
+        """Return the pose (4, 4) for given unknowns."""
         pose = anchor.copy()
         for value, kind in zip(unknowns, self.kinds, strict=True):
             if kind < 3:
@@ -135,7 +138,7 @@ class Place:
         """Return random unknowns within bounds and cone.
 
         Raises:
-            InputError: if no turn about the one axis brings the tool's axis into the cone.
+            InputError: if no turn about the single axis brings the tool axis into the cone.
         """
         for _ in range(1000):
             values = rng.uniform(self.lower, self.upper)
@@ -146,7 +149,7 @@ class Place:
         )
 
     def inside(self, pose: np.ndarray) -> bool:
-        """Say whether the tool's axis is in the cone."""
+        """Return whether the tool axis is in the cone."""
         return bool(pose[:3, 0] @ self.direction >= self.least_cosine)
 
 

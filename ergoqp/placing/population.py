@@ -1,4 +1,4 @@
-"""The same task for other people: other statures, the other hand or both, other loads."""
+"""The same task for other people: other statures, other hands, other loads."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.task import TaskOptions
 
 STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
-"""Statures from a small woman's to a tall man's [m]."""
+"""Statures from a small woman to a tall man [m]."""
 
 HANDS: Final[Mapping[str, tuple[str, ...]]] = {
     "right": ("right",),
     "left": ("left",),
     "both": ("right", "left"),
 }
-"""Which hands work, by the word for it."""
+"""The hands that hold the object, by a word."""
 
 
 def population(
@@ -35,16 +35,18 @@ def population(
     hands: Sequence[str] | None = None,
     loads_kg: Sequence[float] | None = None,
 ) -> Iterator[tuple[str, Problem]]:
-    """Yield (label, problem) for every combination, statures fastest; labels say what was varied.
+    """Yield (label, problem) for every combination; the stature changes fastest.
+
+    The labels say what was varied.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        statures: of the people [m].
-        hands: keys of `HANDS`; None: as the problem has it.
-        loads_kg: mass of the tool [kg]; None: as the problem has it.
+        statures: statures of the people [m].
+        hands: keys of `HANDS`; None: as in the problem.
+        loads_kg: masses of the tool [kg]; None: as in the problem.
 
     Raises:
-        InputError: for an empty sequence, or a value that `variant` does not take.
+        InputError: if a sequence is empty, or `variant` does not accept a value.
     """
     given = {"loads_kg": loads_kg, "hands": hands, "statures": statures}
     choices = [
@@ -63,12 +65,12 @@ def population(
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was found for one of a population.
+    """Result for one person of a population.
 
     Attributes:
-        label: who, as `population` says.
+        label: the person, as named by `population`.
         optimum: the best place; None if there is none.
-        note: why there is none, empty otherwise.
+        note: why there is none; empty otherwise.
 
     Example:
         >>> from ergoqp.placing.population import Found
@@ -99,22 +101,22 @@ def best_of_population(
     out: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Found]:
-    """Return everybody's own best place; see `ergoqp.placing.optimise.optimise`.
+    """Return the best place of each person, see `ergoqp.placing.optimise.optimise`.
 
     Args:
         people: (label, problem), as `population` yields them.
-        starts: for each, as in `optimise`.
+        starts: number of starts per person, as in `optimise`.
         seed: as there.
         jobs: as there.
         mode: as there.
         solver: as there.
         scheduler: as there.
-        out: folder that makes the study resumable, as there.
+        out: folder for finished starts, as there.
         progress: called with the share that is done.
 
     Raises:
-        InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a
-            `Found` with a note.
+        InputError: if an option is not usable. A person who reaches no place is not an error;
+            the result is a `Found` with a note.
 
     Example:
         >>> import ergoqp
@@ -156,17 +158,19 @@ def variant(
     hands: str | None = None,
     load_kg: float | None = None,
 ) -> Problem:
-    """Return the problem for another person; whatever is None stays, as do workspace and comfort.
+    """Return the problem for another person. Arguments that are None change nothing.
+
+    Workspace and comfort posture stay the same.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        stature: of the person [m], with average proportions.
+        stature: stature of the person [m], with average proportions.
         hands: a key of `HANDS`.
         load_kg: mass of the tool [kg], in the exact score and in the cost.
 
     Raises:
-        InputError: for a value that is not allowed, a response of another kind, or a load where the
-            cost was learned without.
+        InputError: if a value is not allowed, the response is of another type, or a load is
+            given but the cost was learned without one.
 
     Example:
         >>> import ergoqp
@@ -188,10 +192,10 @@ def variant(
 
 
 def person_of(problem: Problem) -> IkResponse:
-    """Return the person that a problem reckons with.
+    """Return the response of a problem, which is its model of the person.
 
     Raises:
-        InputError: if its response is of another kind.
+        InputError: if the response is of another type.
     """
     response = problem.response
     if not isinstance(response, IkResponse):

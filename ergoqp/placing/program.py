@@ -1,6 +1,6 @@
-"""The single-level program: the object's place and the person's rest in it.
+"""The single-level program: the place of the object and the rest of the person in it.
 
-It comes with its start, its solver and its residual.
+It includes starting values, the solver and the residual.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from ergoqp.responses.holding import Holding, Situated, hang
 from ergoqp.responses.ik import IkResponse
 
 EASE: Final = 1e-3
-"""Weight of the person's comfort beside the cost [points/rad^2 per unit of joint weight].
+"""Weight of the person's comfort relative to the cost [points/rad^2 per unit of joint weight].
 
-Where the sheet is flat, the most comfortable of equally good places is taken.
+Where the sheet is flat, it selects the most comfortable of equally good places.
 """
 
 NEAR: Final = 0.5
-"""How far a joint may go from its start while the program is solved once [rad]."""
+"""Largest change of a joint from its start in one solution of the program [rad]."""
 NEAR_PELVIS: Final = 0.3
-"""How far the pelvis may go [m, rad]."""
+"""Largest change of the pelvis [m, rad]."""
 
 N = len(JOINTS)
-# how much what the hands miss counts beside the balance of forces, where multipliers are guessed
+# weight of the contact residual in the multiplier guess
 _LITTLE = 0.03
-_INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
+_INSIDE = 1e-3  # distance of starting values from the ends of joints [rad]
 
 
 def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
     """Return the cost of a posture (32,) [points].
 
-    It is the smooth score at a scale [deg], or what the problem's own cost says.
+    It is the smooth score at a scale [deg], or the problem's own cost if that is another one.
     """
     cost = problem.cost
     if isinstance(cost, SmoothReba):
@@ -51,18 +51,18 @@ def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
 
 
 class Program:
-    """The nonlinear program of one problem and one person; what a start gives are its parameters.
+    """The nonlinear program of one problem and one person, with the data of a start as parameters.
 
-    Unknowns are those of the place, then, `mode="stackelberg"`, those of
-    `ergoqp.placing.rest.Rest`; `mode="cooperative"`: the moved joints, the pelvis and each hand's
-    turn about the tool. A solver's own word on success is not used.
+    The unknowns are those of the place, then, for `mode="stackelberg"`, those of
+    `ergoqp.placing.rest.Rest`; for `mode="cooperative"`: the moving joints, the pelvis and the
+    turn of each hand about the tool. The success flag of the solver is not used.
     """
 
     def __init__(self, problem: Problem, response: IkResponse, mode: str, solver: str) -> None:
-        """Write the program down; the solver is made when it is first used.
+        """Build the program. The solver is created at its first use.
 
         Raises:
-            InputError: as `Place.of`, or for an unknown mode or solver.
+            InputError: as `Place.of`, or if the mode or the solver is unknown.
         """
         check_names(mode, solver)
         self.problem, self.response, self.mode, self.solver = problem, response, mode, solver
@@ -94,7 +94,8 @@ class Program:
         scalars = own_ends is None or own_ends.is_a("SXFunction")
         told: Any = (q, ease, rows, tau, pose)
         if not (smooth and scalars and boundary is None):
-            # What is not made of scalars stays as it is, around the person who is.
+            # Terms that are not scalar expressions stay as they are, around the scalar model
+            # of the person.
             model = ca.Function("model", [x, given], [q, ease, rows, tau, ca.densify(pose)])
             x, given = ca.MX.sym("x", x.numel()), ca.MX.sym("given", given.numel())
             told = model(x, given)
@@ -118,7 +119,7 @@ class Program:
         relaxation: float,
         tau_deg: float,
     ) -> np.ndarray:
-        """Return the parameters' numbers; `grasp` (k, 4, 4), `soles` (4, 8), `anchor` (4, 4)."""
+        """Return the parameters as numbers; `grasp` (k, 4, 4), `soles` (4, 8), `anchor` (4, 4)."""
         blocks = (posture, np.hstack(list(grasp)), soles, anchor)
         return np.concatenate(
             [*(np.ravel(block, order="F") for block in blocks), [relaxation, np.radians(tau_deg)]]
@@ -146,11 +147,11 @@ class Program:
         return x
 
     def _multipliers(self, x: np.ndarray, given: np.ndarray, posture: np.ndarray) -> np.ndarray:
-        """Return the multipliers that come nearest to the balance of forces.
+        """Return the multipliers that fit the balance of forces best.
 
-        What holds a joint at its end is not known, so its equation says nothing of the hands'
-        forces. Where the others do not say enough, it is what is missing in the hands that tells, a
-        little.
+        The force that holds a joint at its end is unknown, so the equation of that joint gives
+        no information on the forces of the hands. Where the other equations are not
+        sufficient, the contact residual contributes with a small weight.
         """
         slope, rest, yielding, missing = (np.array(part) for part in self._forces(x, given))
         held = np.append(self._at_end(posture), np.zeros(len(rest) - len(self.moved), dtype=bool))
@@ -165,11 +166,11 @@ class Program:
         return ends[self.moved]
 
     def solve(self, x: np.ndarray, given: np.ndarray) -> Solution:
-        """Improve values near to where they are, and say how far from optimal they have come.
+        """Improve values near their start, and return them with their distance from optimality.
 
-        Farther than `NEAR` and `NEAR_PELVIS` the equations lead to postures that satisfy them and
-        that no person is at rest in. The residual knows nothing of these bounds: what was stopped
-        by one of them is not optimal.
+        Farther away than `NEAR` and `NEAR_PELVIS` the equations have solutions in which no
+        person is at rest. The residual does not include these bounds, so a solution that stops
+        at one of them is not optimal.
         """
         (low, high), (least, most) = self._bounds
         at = np.clip(x, low, high)
@@ -178,7 +179,7 @@ class Program:
         try:
             found = self._solver(x0=at, p=given, lbx=near, ubx=far, lbg=least, ubg=most)
         except RuntimeError:
-            # Some solvers raise when they meet what is not a number: this start got no farther.
+            # Some solvers raise when a value is not a number. This start then ends here.
             return Solution(at, float("inf"))
         values, on_rows, on_bounds = (
             np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x")
@@ -190,9 +191,9 @@ class Program:
     ) -> float:
         """Return the largest violation of the optimality conditions; inf if any is not a number.
 
-        Of the slope of the Lagrangian [points per unit], of rows and bounds [their units], and of
-        the products of multipliers and distances to their own ends. A positive multiplier belongs
-        to the upper end.
+        It is taken over the slope of the Lagrangian [points per unit], the rows and bounds
+        [their units], and the products of multipliers and distances to their ends. A positive
+        multiplier belongs to the upper end.
         """
         slope, rows = (
             np.array(part).ravel() for part in self._optimality(x, given, on_rows, on_bounds)
@@ -201,7 +202,7 @@ class Program:
         return violation(slope, bounded)
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far the solver may go from its start, (n,) each; inf: it may go anywhere."""
+        """Return the values between which the solver may move, (n,) each; inf: no bound."""
         near = np.full(self._count, np.inf)
         leader, joints = len(self.place.kinds), len(self.moved)
         own = slice(leader, leader + joints)
@@ -209,7 +210,7 @@ class Program:
         if self.response.stance == "standing":
             near[leader + joints : leader + joints + 4] = NEAR_PELVIS
         low, high = x - near, x + near
-        # Beyond the end of its range an aim only says how strongly the joint is held there.
+        # An aim beyond the range only says how strongly the joint is held at its end.
         low[own] = np.where(
             low[own] < LOWER[self.moved], -np.inf, np.minimum(low[own], UPPER[self.moved] - NEAR)
         )
@@ -231,15 +232,15 @@ class Program:
         return optimality_function(self._nlp)
 
     def _person(self, situated: Situated) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return the person's unknowns, their posture (32,), and equations."""
+        """Return the unknowns of the person, their posture (32,), and the equations."""
         if self.mode == "stackelberg":
             rest = rest_conditions(self.response, situated)
             own, equations = (
                 ca.vertcat(rest.aims, rest.pelvis, rest.multipliers),
                 ca.vertcat(rest.balance, rest.contact),
             )
-            # Linear in the multipliers: what they are at a given posture is a least-squares
-            # problem.
+            # The equations are linear in the multipliers, so least squares gives them at a
+            # posture.
             self._balance = (
                 rest.multipliers,
                 rest.balance,
@@ -272,7 +273,7 @@ class Program:
         return ca.Function("forces", self._symbols, [ca.densify(part) for part in outputs])
 
     def _narrowed(self) -> list[int]:
-        """Moved joints whose range the problem makes narrower than a person's."""
+        """Return the moving joints whose range in the problem is narrower than the person's."""
         limit = self.problem.limit_of(JointLimit)
         if limit is None:
             return []

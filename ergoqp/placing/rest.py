@@ -1,26 +1,26 @@
-"""Where the person comes to rest, as equations.
+"""The equations of the posture in which the person comes to rest.
 
-They are the follower's conditions of optimality with relaxed complementarity.
+They are the optimality conditions of the person, with relaxed complementarity.
 
 A person who holds an object comes to rest at
 
     q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + a/2 |r(q)|^2 + |e(q)|^2 / d^2
     s.t.  soles stay, l <= q <= u
 
-with c the comfort posture, B the weight of balance, a that of looking, r what is missing between
-eyes and work, and e what is missing between grips and object, without turning about a free tool:
-the fixed point of `ergoqp.simulation.people.alike.Alike.settle`, where damping d makes the hands
-yield by less than a millimetre. With the multiplier y = e/d^2 of the hands and m of the soles the
-conditions are
+with c the comfort posture, B the weight of balance, a that of looking, r the residual between
+eyes and work, and e the residual between grips and object, without the rotation about a free
+tool. This is the fixed point of `ergoqp.simulation.people.alike.Alike.settle`. With the
+damping d the hands yield by less than a millimetre. With the multipliers y = e/d^2 of the
+hands and m of the soles the conditions are
 
     W (s - c) = 2 J' y - a R' r - A' m,    e = d^2 y,    soles where they stand,    q = clip(s)
 
-An arm that hangs does so whatever the object does: its angles are a function of the trunk's.
+A hanging arm does not depend on the object. Its angles are a function of those of the trunk.
 
-on s, the posture before it is cut to its ranges: W (s - q) is the multiplier of the ranges
-(Robinson's normal map), so no inequality and no further unknown is needed. The cut is made smooth
-after Chen, Harker, Kanzow and Smale, which relaxes complementarity to (q - l) (q - s) =
-relaxation^2 / 4 exactly.
+The unknown s is the posture before it is clipped to its ranges. W (s - q) is the multiplier of
+the ranges (Robinson's normal map), so no inequality and no further unknown is needed. The clip
+is made smooth after Chen, Harker, Kanzow and Smale. This relaxes complementarity to exactly
+(q - l) (q - s) = relaxation^2 / 4.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ class Rest:
     """The conditions of rest.
 
     Attributes:
-        moved: positions of the joints that move, in the posture.
-        aims: s of the moved joints, symbols (n,).
-        pelvis: of a standing person, symbols (4,); else empty.
+        moved: positions of the moving joints in the posture.
+        aims: s of the moving joints, symbols (n,).
+        pelvis: x, y, z and yaw of a standing person, symbols (4,); else empty.
         multipliers: y of the hands, then m of the soles, symbols.
         posture: q (32,).
-        balance: equations that are linear in the multipliers, in their order: one per joint and
-            pelvis coordinate.
-        contact: the others: hands and soles.
+        balance: equations that are linear in the multipliers, one per joint and pelvis
+            coordinate, in this order.
+        contact: the other equations: hands and soles.
     """
 
     moved: list[int]
@@ -60,7 +60,7 @@ class Rest:
 
 
 def rest_conditions(response: IkResponse, place: Situated) -> Rest:
-    """Return the conditions under which a person is at rest when the object is somewhere."""
+    """Return the conditions under which a person is at rest with the object at a place."""
     standing, hands = response.stance == "standing", len(response.hands)
     moved = [INDEX[joint] for joint in response.chain]
     chain = [joint for joint in moved if joint < 20]
@@ -95,9 +95,9 @@ def rest_conditions(response: IkResponse, place: Situated) -> Rest:
 
 
 def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:
-    """Return a value cut to a range, smoothly.
+    """Return a value clipped to a range, smoothly.
 
-    It stays strictly inside, and `relaxation` / 2 from an end when at it.
+    It is always strictly inside. At an end it is `relaxation` / 2 away from it.
     """
     below = ca.sqrt((value - lower) ** 2 + relaxation**2)
     above = ca.sqrt((upper - value) ** 2 + relaxation**2)

@@ -1,4 +1,4 @@
-"""Flat maps through a place: exact scores if the object moved from there along two coordinates."""
+"""Flat maps through a place: exact scores with the object moved along two coordinates."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ergoqp.simulation.best_place import outward, settle_in_order
 from ergoqp.simulation.people.alike import Alike, Start
 
 SPACING: Final = 0.05
-"""Distance of the places of a slice [m]."""
+"""Distance of neighbouring places of a slice [m]."""
 TILTS: Final = 11
-"""Number of tilts of a slice that has them."""
+"""Number of tilts of a slice with tilts."""
 
 _PAIRS: Final = ((0, 2), (1, 2), (0, 1), (3, 2), (4, 2), (3, 0), (4, 0), (3, 1), (4, 1), (3, 4))
 _MOST: Final = 2
@@ -25,16 +25,16 @@ _MOST: Final = 2
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """Scores over two coordinates of the object's place, the others as they are at the place.
+    """Scores over two coordinates of the object's place. The others are as at the place itself.
 
     Attributes:
-        across: number of the horizontal coordinate of `ergoqp.placing.group.search.Placing`: x, y,
-            z [m], two turns [rad].
-        up: number of the vertical one.
-        horizontal: values of the one (h,).
-        vertical: values of the other (v,).
-        scores: exact scores (people, v, h), 0 where the person does not reach, -1 where the object
-            may not be.
+        across: number of the horizontal coordinate of `ergoqp.placing.group.search.Placing`:
+            x, y, z [m], two turns [rad].
+        up: number of the vertical coordinate.
+        horizontal: values of the horizontal coordinate (h,).
+        vertical: values of the vertical coordinate (v,).
+        scores: exact scores (people, v, h), 0 if the person does not reach, -1 if the object
+            may not be there.
         point: the place itself (5,).
     """
 
@@ -57,21 +57,22 @@ def slices_through(
 ) -> list[Slice]:
     """Return at most two slices through a place.
 
-    They are distance and side by height, or tilt by height where nothing else moves.
+    They show distance and side over height, or tilt over height if nothing else moves.
 
     Args:
-        problem: its workspace and tool axis say where the object can be.
-        people: who is put to rest at every place.
+        problem: its workspace and tool axis define where the object can be.
+        people: people who are put to rest at every place.
         pose: the place (4, 4), in the workspace.
-        starts: how each holds the object, and where from; None: as in comfort.
-        spacing: of the places [m].
+        starts: how each person holds the object, and from which posture they settle; None: as
+            in comfort.
+        spacing: distance of neighbouring places [m].
         jobs: number of processes.
     """
     placing = Placing.of(problem)
     exact = placing.point(pose)
-    # An optimum lies on an end of the workspace often, to the tolerance of its solver.
+    # An optimum is often at an end of the workspace, up to the tolerance of its solver.
     point = np.clip(exact, placing.lower, placing.upper)
-    # What the object is turned about its tool's axis stays as it is.
+    # The rotation of the object about its tool axis stays the same.
     roll = placing.pose(exact)[:3, :3].T @ pose[:3, :3]
     free = placing.upper - placing.lower > 1e-9
     pairs = [pair for pair in _PAIRS if free[list(pair)].all()]

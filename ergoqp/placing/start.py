@@ -1,6 +1,6 @@
-"""One start: a random place, the program with its cost made narrower step by step.
+"""One start: a random place, then the program with a cost that narrows from stage to stage.
 
-Last comes the verdict of person and sheet.
+At the end the person and the sheet judge the result.
 """
 
 from __future__ import annotations
@@ -25,43 +25,43 @@ FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""
 
 WIDE: Final = ((12.0, 1e-2), (1.5, 1e-3))
-"""(tau [deg], relaxation [rad]) of the stages before the last one, of every other start.
+"""(tau [deg], relaxation [rad]) of the stages before the last one, for every other start.
 
-These starts go downhill from afar.
+These starts can descend from far away.
 """
 NARROW: Final = ((3.0, 1e-2),)
-"""And of the others, which find what lies near."""
+"""The same for the other starts, which find what is near."""
 
 RELAXATION: Final = 1e-4
 """Relaxation of complementarity in the last stage [rad]."""
 
 RESIDUAL: Final = 1e-6
-"""Largest violation of the optimality conditions that counts as optimal."""
+"""Largest violation of the optimality conditions of an end that counts as optimal."""
 
 SAME: Final = 1e-3
-"""Postures this near are the same [rad]."""
+"""Postures that differ by less than this count as equal [rad]."""
 
 DRAWS: Final = 20
-"""Places that a start may try until the person reaches one."""
+"""Number of places that a start may try until the person reaches one."""
 
 REPEATS: Final = 5
-"""How often the last stage is solved at most, each time from where the person has come to rest."""
+"""Largest number of solutions of the last stage, each from where the person has come to rest."""
 
 _SETTLING = 400
-_SLACK = 1e-3  # of a learned boundary, beyond its own tolerance
+_SLACK = 1e-3  # allowed distance outside a learned boundary, beyond its tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceTask:
-    """Everything that a start needs, and that can go to another process.
+    """Everything that a start needs. It can be sent to another process.
 
     Attributes:
         problem: the task.
         person: who holds the object.
-        begin: in which posture, where the object is, how it is held, where the soles stand.
-        mode: of `ergoqp.placing.nlp_solvers.MODES`.
-        solver: of `ergoqp.placing.nlp_solvers.SOLVERS`.
-        seed: of the places.
+        begin: the posture, the pose of the object, the grasp, and where the soles stand.
+        mode: one of `ergoqp.placing.nlp_solvers.MODES`.
+        solver: one of `ergoqp.placing.nlp_solvers.SOLVERS`.
+        seed: seed of the places.
         tau_deg: scale of the smooth score in the last stage [deg].
     """
 
@@ -75,10 +75,10 @@ class PlaceTask:
 
 
 class StartSolver:
-    """Solves starts of one task; the program is written down once."""
+    """Solves the starts of one task. The program is built once."""
 
     def __init__(self, task: PlaceTask) -> None:
-        """Write down the program.
+        """Build the program.
 
         Raises:
             InputError: if the task is not well posed.
@@ -88,9 +88,9 @@ class StartSolver:
         self.anchor = self.program.place.anchor(task.problem, task.begin.pose)
 
     def start(self, number: int) -> Trial:
-        """Return what becomes of a start.
+        """Return the result of a start.
 
-        It is the same for the same task and number, wherever and whenever it is solved.
+        It depends only on the task and the number, not on where and when it is solved.
         """
         begin = time.perf_counter()
         task, place = self.task, self.program.place
@@ -146,9 +146,10 @@ class StartSolver:
         return smooth_cost(self.task.problem, posture, self.task.tau_deg)
 
     def _draw(self, number: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return a place and the rest posture there.
+        """Return a place and the rest posture there; None if the person reaches none.
 
-        It is the given place for number 0, and a random one that is reached for others.
+        It is the given place for number 0, and a random one that the person reaches for the
+        others.
         """
         task, place = self.task, self.program.place
         rng = np.random.default_rng([task.seed, 6, number])
@@ -203,7 +204,7 @@ class StartSolver:
         return distance < REACHED and angle < REACHED_ANGLE
 
     def _outside(self, posture: np.ndarray, pose: np.ndarray) -> str:
-        """Return which limit of the problem does not hold, or an empty text."""
+        """Return which limit of the problem is violated, or an empty text."""
         problem = self.task.problem
         low, high = self._sides
         if ((posture < low) | (posture > high)).any():
@@ -223,10 +224,10 @@ def _since(begin: float) -> float:
 
 
 def begin_from(person: Alike, posture: np.ndarray, pose: ArrayLike | None) -> Start:
-    """Return how a person holds an object that is at `pose` (4, 4), None: where the posture has it.
+    """Return how a person holds an object at `pose` (4, 4). None: as the posture holds it.
 
     Raises:
-        InputError: if the pose is not one.
+        InputError: if `pose` is not a pose.
     """
     contact = person.contact(posture)[0]
     grips = person.grasp(posture)

@@ -1,6 +1,6 @@
-"""Who solves the starts: this process, several of this machine (joblib), or a Dask cluster.
+"""Where the starts are solved: this process, several processes (joblib), or a Dask cluster.
 
-The trials are the same.
+The trials are the same in all cases.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ergoqp.placing.optimum import Trial
 from ergoqp.placing.start import PlaceTask, StartSolver
 
 TIMEOUT: Final = 5.0
-"""How long a cluster may take to answer [s]."""
+"""Time within which a cluster must answer [s]."""
 
 PATIENCE: Final = 60.0
-"""How long a cluster may have no worker, for example while the first is being started [s]."""
+"""Time for which a cluster may have no worker, for example while the first one starts [s]."""
 
 _KEPT_STARTS: Final = (
     "with `out` the starts that were finished are kept, and the next run goes on with the rest"
@@ -33,14 +33,14 @@ _solvers: OrderedDict[str, StartSolver] = OrderedDict()
 
 
 def solve_start(key: str, sent: bytes, number: int) -> Trial:
-    """Return the trial of a start of a task that was sent to this process.
+    """Return the trial of one start of a task that was sent to this process.
 
-    The process writes its program down once.
+    The process builds the program of a task only once.
 
     Args:
-        key: of the task, see `ergoqp.placing.ledger.key_of`.
-        sent: the task, as `_packed` has it.
-        number: of the start.
+        key: key of the task, see `ergoqp.placing.ledger.key_of`.
+        sent: the task, as packed by `_packed`.
+        number: number of the start.
     """
     if key not in _solvers:
         _solvers[key] = StartSolver(pickle.loads(sent))
@@ -56,17 +56,18 @@ def trials_of(
     """Yield the trials of starts as they are finished.
 
     Args:
-        key: of the task.
-        task: what is to be solved.
-        numbers: of the starts.
-        jobs: processes of this machine.
-        scheduler: address of a Dask scheduler, which then decides who works; None: this machine.
+        key: key of the task.
+        task: the task.
+        numbers: numbers of the starts.
+        jobs: number of processes on this machine.
+        scheduler: address of a Dask scheduler, which then chooses the workers; None: this
+            machine.
 
     Raises:
-        InputError: if nobody answers at the address, or cost or limits cannot be sent to other
-            processes.
-        MissingExtraError: if what several processes or a cluster need is not installed.
-        WorkersError: if those who work are gone for good.
+        InputError: if there is no answer at the address, or cost or limits cannot be sent to
+            other processes.
+        MissingExtraError: if a package for several processes or a cluster is not installed.
+        WorkersError: if the workers are gone for good.
     """
     if scheduler is not None:
         yield from _on_cluster(key, task, numbers, scheduler)
@@ -119,10 +120,10 @@ def _on_cluster(key: str, task: PlaceTask, numbers: Sequence[int], address: str)
 
 
 def _check_address(address: str) -> None:
-    """Raise what a client would for an address at which no scheduler answers.
+    """Raise the error of a client if no scheduler answers at an address.
 
-    A client that failed is never quite closed: its thread goes on, and what the garbage collector
-    closes in the midst of the next client's start waits for that start for ever.
+    A client that failed is never fully closed, and its thread goes on. If the garbage
+    collector closes it while the next client starts, it waits for that start for ever.
     """
     from distributed.comm.addressing import parse_address, parse_host_port
     from distributed.core import rpc
@@ -135,25 +136,23 @@ def _check_address(address: str) -> None:
     scheme, place = parse_address(address)
     if scheme in ("tcp", "tls"):
         parse_host_port(place)
-    # In a thread of its own: a notebook's has a loop already.
+    # Run it in another thread, because that of a notebook already has an event loop.
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
         thread.submit(asyncio.run, ask()).result()
 
 
 def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
-    """Yield what a cluster has finished, as long as there is somebody to wait for.
+    """Yield the trials that a cluster has finished, as long as it has workers.
 
-    What a start itself raises is raised.
+    Errors that a start raises are raised here.
 
-    Dask waits for ever for a worker that never comes back, and drops the futures of a scheduler
-    that is gone without a word.
+    Dask waits for ever for a worker that never comes back. It silently drops the futures of a
+    scheduler that is gone.
     """
     from distributed import wait
     from distributed.scheduler import KilledWorker
 
-    wait_for: Any = (
-        wait  # what it returns depends on where it is called, which its types do not say
-    )
+    wait_for: Any = wait  # the return type depends on the context, unlike the annotation
     where = (
         f"scheduler: {client.scheduler.address}" if client.scheduler else "scheduler: its address"
     )
@@ -164,11 +163,11 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
             try:
                 with (
                     client.as_current()
-                ):  # and no longer: a user's own client stays theirs between two trials
+                ):  # only while waiting: the user's own client is current otherwise
                     done, pending = wait_for(pending, timeout=1.0, return_when="FIRST_COMPLETED")
             except TimeoutError:
-                # Asked of the scheduler itself: what the client remembers of it may be of a cluster
-                # that is gone.
+                # Ask the scheduler itself, because the client may remember a cluster that is
+                # gone.
                 if client.sync(client.scheduler.ncores, callback_timeout=TIMEOUT):
                     seen = time.monotonic()
                 elif time.monotonic() - seen > PATIENCE:
@@ -178,8 +177,8 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
                     ) from None
                 continue
             for future in done:
-                # An OSError of the start's own, such as of a cost that reads a file, is not one of
-                # the way to the scheduler.
+                # An OSError that the start itself raises, for example a cost that reads a
+                # file, is not one of the connection to the scheduler.
                 failed = future.exception() if future.status == "error" else None
                 if failed is not None:
                     break
@@ -199,14 +198,14 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
 
 
 def _packed(task: PlaceTask) -> bytes:
-    """Return the task as it is sent.
+    """Return the task in the form in which it is sent.
 
     Raises:
-        InputError: if it cannot be.
+        InputError: if it cannot be sent.
         MissingExtraError: if cloudpickle is not installed.
     """
     try:
-        # Unlike pickle it sends classes that a script defines, such as a cost of the user's own.
+        # Unlike pickle it can send classes that a script defines, such as the user's own cost.
         import cloudpickle
     except ImportError:
         raise MissingExtraError(

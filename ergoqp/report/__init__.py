@@ -1,4 +1,4 @@
-"""Reports: one self-contained page, plain tables in the terminal, scores as files.
+"""Reports: a self-contained page, plain tables in the terminal, and scores as files.
 
-The tables and the files need nothing beyond the core; the pages need the extra ``report``.
+Tables and files need only the core package. Pages need the extra ``report``.
 """

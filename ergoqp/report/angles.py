@@ -1,12 +1,12 @@
-"""The joint angles of a recording as files, for other programs.
+"""The joint angles of a recording as files for other programs.
 
 ``angles.csv`` has one row per frame: ``time_s``; ``scored`` 1 or 0; every joint of
 `ergoqp.joints.JOINTS` as ``<joint>_deg``; ``<side>_elevation_deg`` and
 ``<side>_elevation_plane_deg`` of both upper arms (see `ergoqp.sheets.elevation`); and
-``<centre>_error_mm``, how far the fitted body's joint centre is from the recording's, empty where
-that is not seen.
+``<centre>_error_mm``, the distance of the fitted body's joint centre from that of the
+recording, empty if it is not seen.
 
-``angles.mot`` has the same joints and elevations in degrees, as OpenSim reads motions.
+``angles.mot`` has the same joints and elevations in degrees, in OpenSim's format for motions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ergoqp.recordings import Recording
 from ergoqp.sheets.elevation import elevation_of
 
 _BLOCK: Final = 4096
-"""Frames that are turned into text at once."""
+"""Number of frames that are converted to text at once."""
 _ANGLES: Final = (
     *JOINTS,
     *(f"{side}_{what}" for what in ("elevation", "elevation_plane") for side in SIDES),
@@ -37,9 +37,9 @@ def write_angles(
     """Write ``angles.csv`` and ``angles.mot``.
 
     Args:
-        recording: with n frames.
-        folder: where to; it is there.
-        progress: told the share that is written.
+        recording: recording with n frames.
+        folder: folder of the files; it exists.
+        progress: called with the share that is written.
 
     Returns:
         The two files.

@@ -1,6 +1,6 @@
-"""The page of a group's place: everybody at it, the maps of the highest and the mean score.
+"""The page of a group's place: all members at it, and maps of the highest and the mean score.
 
-It also says what each one pays.
+It also shows what each member pays.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ergoqp.report.place_words import (
 )
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
-"""What the objectives look for, in words."""
+"""The objectives in words."""
 
 _AXES = {
     "none": "nothing: one fixed place",
@@ -49,13 +49,13 @@ _MOST_NAMES = 3
 def write_group_page(
     found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, *, jobs: int = 1
 ) -> None:
-    """Write the report of a group's place: one HTML file that needs nothing else.
+    """Write the report of a group's place as one self-contained HTML file.
 
     Args:
         found: the place.
-        problem: in which it was found; the maps are made here.
+        problem: the problem of the search; the maps are computed here.
         people: the group, in the order of `found.members`.
-        path: of the file; its folder exists.
+        path: path of the file; its folder exists.
         jobs: number of processes for the maps.
 
     Raises:
@@ -187,9 +187,9 @@ def _maps(
 
 
 def _together(slice_: Slice, take: Callable[..., np.ndarray]) -> np.ndarray:
-    """Return one value per place (v, h), of all scores.
+    """Return one value per place (v, h) from the scores of all people.
 
-    It is 0 where somebody does not reach, -1 where the object may not be.
+    It is 0 if somebody does not reach, -1 if the object may not be there.
     """
     lowest = slice_.scores.min(axis=0)
     return np.where(lowest > 0, take(slice_.scores, axis=0), lowest).astype(float)
@@ -209,9 +209,9 @@ def _missing(slice_: Slice, members: tuple[Member, ...]) -> Callable[[int, int],
 
 
 def _reasons(found: GroupOptimum) -> PageTable:
-    """Return which segments of everybody have more than one point, and for what.
+    """Return the segments with more than one point of each person, and their reasons.
 
-    The first sentences are the segments'.
+    The first sentences of the reasons are those of the segments.
     """
     rows = [
         (

@@ -1,4 +1,4 @@
-"""Numbers as people read them: no exponents, and no more digits than matter."""
+"""Numbers for people: no exponents, and no more digits than needed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Final
 import numpy as np
 
 _LEAST: Final = 1e-6
-"""What is smaller is said to be smaller than this."""
+"""Smaller numbers are written as smaller than this."""
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """Write a number to some significant digits, such as ``4420``, ``0.0312``, ``< 0.000001``.
+    """Return a number with some significant digits, such as ``4420``, ``0.0312``, ``< 0.000001``.
 
     Args:
-        value: any number; what is not finite is a dash.
-        digits: that are not zeros at its end.
+        value: any number; a number that is not finite gives a dash.
+        digits: number of significant digits, without zeros at the end.
     """
     value = float(value)
     if not np.isfinite(value):
@@ -27,5 +27,5 @@ def plain(value: float, digits: int = 3) -> str:
 
 
 def microseconds(value: float) -> str:
-    """Write a duration [µs], in the unit in which it is easy to read up to ten seconds."""
+    """Return a duration [µs] as text, in µs or ms."""
     return f"{plain(value)} µs" if value < 1e4 else f"{plain(value / 1e3)} ms"

@@ -1,6 +1,6 @@
-"""The page of an offline optimum: before and after, the map of the score around the best place.
+"""The page of an offline optimum: before and after, and maps of the score around the best place.
 
-It also shows every start and the bound.
+It also shows all starts and the bound.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MODES = {
     "stackelberg": "the person comes to rest by their own comfort",
     "cooperative": "the posture is chosen with the place",
 }
-"""What the modes of an optimum mean, in words."""
+"""The modes of an optimum in words."""
 
 
 def write_optimum_page(
@@ -47,14 +47,14 @@ def write_optimum_page(
     cooperative: Optimum | None = None,
     jobs: int = 1,
 ) -> None:
-    """Write the report of an optimum: one HTML file that needs nothing else.
+    """Write the report of an optimum as one self-contained HTML file.
 
     Args:
-        optimum: what was found.
-        problem: in which it was found; the map is made here.
-        path: of the file; its folder exists.
-        cooperative: the optimum with the posture chosen too, of the same problem and person; None:
-            not known.
+        optimum: the optimum.
+        problem: the problem of the search; the map is computed here.
+        path: path of the file; its folder exists.
+        cooperative: the optimum of the same problem and person with the posture chosen too;
+            None: unknown.
         jobs: number of processes for the map.
 
     Raises:

@@ -1,6 +1,6 @@
-"""One self-contained page: what it consists of, and its rendering.
+"""One self-contained page: its parts, and how it is rendered.
 
-Everything that is not a picture is escaped.
+Everything except pictures is escaped.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ergoqp.report.charts.frame import NARROW, WIDTH
 
 @dataclass(frozen=True)
 class Headline:
-    """A score that the page starts with.
+    """A score at the top of the page.
 
     Attributes:
         label: what it is, for example ``"before"``.
-        value: as it is written.
+        value: the score as text.
         level: action level 0 to 4, -1 without a colour.
-        words: below it.
-        arrow: an arrow leads to it from the one before.
+        words: text below it.
+        arrow: whether an arrow leads to it from the one before.
     """
 
     label: str
@@ -38,11 +38,11 @@ class Headline:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing with its caption; `svg` is trusted markup, made by this package.
+    """A drawing with its caption. `svg` is trusted markup that this package made.
 
     Attributes:
         svg: the drawing.
-        caption: below it, may be empty.
+        caption: text below it, may be empty.
         narrow: the same drawing for a telephone; empty: `svg` is narrow enough.
     """
 
@@ -52,20 +52,20 @@ class Picture:
 
     @classmethod
     def of(cls, draw: Callable[[float], str], caption: str = "") -> Picture:
-        """Return what is drawn for a width [px], at the page's own and at a narrow one."""
+        """Return a drawing, given as a function of the width [px], at both widths of the page."""
         return cls(draw(WIDTH), caption, draw(NARROW))
 
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table: words only.
+    """A table of texts.
 
     Attributes:
         head: column titles, may be empty.
-        rows: cells as they are written.
-        marked: numbers of the rows to point out.
-        numeric: numbers of the columns that hold numbers.
-        even: all columns have the same width.
+        rows: cells as text.
+        marked: numbers of the highlighted rows.
+        numeric: numbers of the columns with numbers.
+        even: whether all columns have the same width.
     """
 
     head: Sequence[str]
@@ -81,14 +81,14 @@ class Section:
 
     Attributes:
         title: the heading.
-        intro: a sentence or two, may be empty.
+        intro: one or two sentences, may be empty.
         pictures: charts, one below the other.
-        tables: below the charts.
-        sentences: as a list, at the end.
-        columns: pictures side by side instead.
-        chips: what colours mean: class and words, above the pictures.
-        links: pages beside this one, as a list: file name and words.
-        folded: only the heading is seen until it is clicked; on paper all is.
+        tables: tables below the charts.
+        sentences: a list of sentences at the end.
+        columns: pictures are side by side instead.
+        chips: meanings of colours above the pictures: class and words.
+        links: a list of pages beside this one: file name and words.
+        folded: only the heading is visible until it is clicked; everything is printed.
     """
 
     title: str
@@ -107,17 +107,17 @@ class Page:
     """A whole report.
 
     Attributes:
-        title: heading and title of the window.
-        subtitle: below it.
-        headlines: the scores that matter, large.
-        change: between before and after, in words; may be empty.
-        stays: what still costs points, each with its reason, below `change`.
-        facts: name and value of the numbers that go with them.
+        title: heading, and title of the window.
+        subtitle: text below it.
+        headlines: the important scores, large.
+        change: difference between before and after, in words; may be empty.
+        stays: segments that still cost points, each with its reason, below `change`.
+        facts: names and values of further numbers.
         replay: the replay as a page of its own; empty without one.
-        replay_note: what it leaves out.
-        figures: flat figures of the postures that matter.
+        replay_note: how the replay differs from real time.
+        figures: flat figures of the important postures.
         sections: charts and tables.
-        notes: what else is not well, a sentence each, below them.
+        notes: further problems, one sentence each.
     """
 
     title: str
@@ -137,8 +137,8 @@ def write_page(page: Page, path: Path) -> None:
     """Render a page and write it.
 
     Args:
-        page: what it consists of.
-        path: of the HTML file; its folder exists.
+        page: the parts of the page.
+        path: path of the HTML file; its folder exists.
 
     Raises:
         MissingExtraError: if jinja2 is not installed.

@@ -1,7 +1,7 @@
-"""The colours and words of scores: one meaning per colour in 3-D scene, figures and charts.
+"""Colours and words of scores. A colour has the same meaning in the 3-D scene, figures and charts.
 
-The five colours run from teal over yellow to dark red. They were chosen to stay apart under
-simulated red-green blindness, and every place that uses them also writes the number.
+The five colours run from teal over yellow to dark red. They can be distinguished under
+simulated red-green blindness. Every place that uses them also shows the number.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ COLOURS: Final = ("#1b7c7e", "#9ccf9b", "#f7dc6f", "#dd6b20", "#a3123a")
 """Fill of level 0 to 4, lowest risk first."""
 
 INKS: Final = ("#ffffff", "#10261a", "#2b2300", "#2b1400", "#ffffff")
-"""Text colour that is readable on each fill."""
+"""Text colour that is readable on each fill colour."""
 
 UNSCORED: Final = "#c3c9d0"
-"""Fill of what has no score: invalid postures, shoes, hair."""
+"""Fill of everything without a score: invalid postures, shoes, hair."""
 
 _SHEET: Final = sheet_of(reba.Method())
 
 SEGMENTS: Final[tuple[str, ...]] = tuple(
     segment.label(side) for segment in _SHEET.segments.values() for side in segment.sides
 )
-"""The segments that are scored apart, in the order of every table and chart."""
+"""The segments that are scored separately, in the order of every table and chart."""
 
 POINTS: Final = ("1 point", "2 points", "3 points", "4 points", "5 or more")
-"""What the five colours mean on a segment."""
+"""Meaning of the five colours on a segment."""
 
 
 def level_of_points(points: ArrayLike) -> NDArray[np.int64]:
-    """Return a segment score's colour level 0 to 4: its points above the best, -1 if there is none.
+    """Return the colour level 0 to 4 of segment scores: points above the best; -1 without a score.
 
     Args:
-        points: segment scores, any shape; 0 where the posture could not be scored.
+        points: segment scores, any shape; 0 if the posture could not be scored.
     """
     return np.clip(np.asarray(points, dtype=np.int64) - 1, -1, len(COLOURS) - 1)
 
 
 def colour_of_level(level: int) -> str:
-    """Return the fill of a level 0 to 4, or the one of what is not scored for -1."""
+    """Return the fill of a level 0 to 4, or that for no score for -1."""
     return COLOURS[level] if level >= 0 else UNSCORED
 
 
@@ -64,7 +64,7 @@ def level_of_score(final: ArrayLike) -> NDArray[np.int64]:
 
 
 def segment_highest(segment: str) -> int:
-    """Return a segment's highest score on the sheet, whichever side it is on."""
+    """Return the highest score of a segment on the sheet, with or without its side."""
     return _SHEET.segments[segment.removeprefix("right_").removeprefix("left_")].highest
 
 

@@ -1,4 +1,4 @@
-"""What the pages of places have in common: scores, places, tilts and terms in words."""
+"""Texts that the pages of places share: scores, places, tilts and terms in words."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ergoqp.simulation.options import options_of
 
 
 def score_headline(label: str, score: float) -> Headline:
-    """Return a score, or a mean of scores, large and in the colour of its action level."""
+    """Return a score or a mean of scores as a headline, in the colour of its action level."""
     level = int(palette.level_of_score(round(score)))
     words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
     return Headline(label, f"{score:.2f}".rstrip("0").rstrip(".") if score else "–", level, words)
 
 
 def change_of(before: int, after: int) -> str:
-    """Say the difference of two scores in words."""
+    """Return the difference of two scores in words."""
     points = abs(after - before)
     if not points:
         return "The score is what it was."
@@ -29,7 +29,7 @@ def change_of(before: int, after: int) -> str:
 
 
 def place_words(pose: np.ndarray) -> str:
-    """Say where a pose is [m]; a name stays with its number."""
+    """Return the position of a pose [m] in words, with non-breaking spaces."""
     return (
         ", ".join(
             f"{axis}\u00a0{_signed(value)}" for axis, value in zip("xyz", pose[:3, 3], strict=True)
@@ -39,7 +39,7 @@ def place_words(pose: np.ndarray) -> str:
 
 
 def tilt_words(problem: Problem, pose: np.ndarray) -> str:
-    """Say how a pose is tilted from the middle of the tool's cone [deg]."""
+    """Return the tilt of a pose from the middle of the tool's cone [deg] in words."""
     turns = Placing.of(problem).point(pose)[3:]
     up, left = (AXES[3 + i][1] * turns[i] for i in (0, 1))
     return (
@@ -49,7 +49,7 @@ def tilt_words(problem: Problem, pose: np.ndarray) -> str:
 
 
 def slice_words(slice_: Slice) -> str:
-    """Say what a map is over and what stays."""
+    """Return the two axes of a map and the fixed coordinates in words."""
     fixed = {
         i: value for i, value in enumerate(slice_.point) if i not in (slice_.across, slice_.up)
     }
@@ -65,7 +65,7 @@ def _signed(value: float) -> str:
 
 
 def task_options(problem: Problem) -> list[tuple[str, str]]:
-    """Return the problem's terms in words, without those of the control loop."""
+    """Return the terms of a problem in words, without those of the control loop."""
     loop = ("control: ", "QP solver", "twist limit", "joint limit")
     terms = [(what, value) for what, value in options_of(problem, "") if not what.startswith(loop)]
     return [

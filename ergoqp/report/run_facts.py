@@ -1,4 +1,4 @@
-"""What a run comes down to: the figures that the table in the terminal and the page both show."""
+"""The summary of a run: figures for the table in the terminal and for the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ergoqp.simulation.run import Run
 _MOST_REASONS: Final = 25
 
 STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
-"""Every status of a step, best first."""
+"""All statuses of a step, best first."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +26,17 @@ class RunFacts:
 
     Attributes:
         before: score of the first sample.
-        after: score of the last.
-        stays: what of the last posture still scores above its lowest, and why.
-        standing_still: score at which the person would have come to rest had the object not moved,
-            0 if not known.
-        best: lowest score seen.
-        best_at: when it was first seen [s].
+        after: score of the last sample.
+        stays: segments of the last posture that still score above their lowest, and why.
+        standing_still: score of the person's rest if the object had not moved, 0 if unknown.
+        best: lowest score of the run.
+        best_at: time at which it first occurred [s].
         segments_before: segment -> score.
         segments_after: segment -> score.
         status_counts: status -> number of steps, only those that occurred, best first.
-        settled_after: start of the settled stretch at the end [s], None if the run does not end
-            settled.
-        step_us: median, 99th percentile and maximum of the step's duration [µs].
+        settled_after: start of the settled stretch at the end [s], None if the run does not
+            end settled.
+        step_us: median, 99th percentile and maximum of the duration of a step [µs].
     """
 
     before: int
@@ -54,7 +53,7 @@ class RunFacts:
 
     @property
     def change(self) -> str:
-        """Say what the robot's motion gained: from what the person alone would have come to."""
+        """What the motion of the robot gained over the person's rest without it, in words."""
         if not self.standing_still:
             return f"{self.before} to {self.after}."
         return (
@@ -64,7 +63,7 @@ class RunFacts:
 
     @property
     def added(self) -> str:
-        """Say what the robot added to what the person alone would have come to, in a sentence."""
+        """What the robot added to the person's rest without it, in one sentence."""
         gain = self.standing_still - self.after
         if not (self.standing_still and self.after):
             return f"{self.before} at the start, {self.after or 'not scored'} at the end."
@@ -75,15 +74,15 @@ class RunFacts:
 
     @property
     def costs(self) -> str:
-        """Say what still costs points at the end, and why.
+        """What still costs points at the end, and why, in words.
 
-        A segment's own sentence has semicolons already.
+        The sentence of a segment may contain semicolons itself.
         """
         return "nothing" if not self.stays else " · ".join(self.stays)
 
     @property
     def settling(self) -> str:
-        """Say whether and when the object came to rest for good."""
+        """Whether and when the object came to rest for good, in words."""
         return (
             "not settled at the end"
             if self.settled_after is None
@@ -92,7 +91,7 @@ class RunFacts:
 
     @property
     def timing(self) -> str:
-        """Say the duration of the steps."""
+        """The duration of the steps, in words."""
         median, p99, highest = self.step_us
         return f"median {plain(median)} µs, p99 {plain(p99)} µs, max {plain(highest)} µs"
 
@@ -133,7 +132,7 @@ def segments_at(run: Run, row: int) -> dict[str, int]:
 
 
 def violation_rows(run: Run) -> list[tuple[str, str, str]]:
-    """Return per limit its name, how many steps broke it, and the worst of them with its unit."""
+    """Return per limit its name, the number of steps that broke it, and the worst with its unit."""
     rows = []
     for name, count in run.violations.items():
         unit = run.units.get(name, "").removeprefix("1")
@@ -143,10 +142,10 @@ def violation_rows(run: Run) -> list[tuple[str, str, str]]:
 
 
 def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
-    """Return per reason its status, number of steps, when first and last given [s], and sentence.
+    """Return per reason: status, number of steps, first and last time [s], and sentence.
 
-    The commonest comes first. A reason that only counts on (``by 0.137``, ``by 0.136``) is one
-    reason, told with its last numbers.
+    The most frequent comes first. Reasons that differ only in their numbers (``by 0.137``,
+    ``by 0.136``) are one reason, with the last numbers.
     """
     kinds: dict[tuple[str, str], list[int]] = {}
     for i, (status, reason) in enumerate(zip(run.statuses, run.reasons, strict=True)):
@@ -166,14 +165,14 @@ def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
 
 
 def hint_of(said: Sequence[str]) -> str:
-    """Return what can be done about what `told_of` returns; empty: nothing that is known."""
+    """Return what can be done about the result of `told_of`; empty if nothing is known."""
     if not any(sentence.startswith("robot:") for sentence in said):
         return ""
     return "how late or how exact a robot is can be declared under [robot] in the problem file"
 
 
 def told_of(run: Run, most: int = 3) -> list[str]:
-    """Return what the steps said of robot and sensors and for how long, the commonest first."""
+    """Return what the steps reported of robot and sensors and for how long, most frequent first."""
     said: dict[str, tuple[int, str]] = {}
     for reason in run.reasons:
         for part in reason.split("; "):

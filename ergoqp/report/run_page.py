@@ -1,4 +1,4 @@
-"""A closed loop's page: before and after, the replay, what happened over time, why, the options."""
+"""The page of a closed loop: before and after, replay, charts over time, reasons, options."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ergoqp.simulation.run import Run
 
 
 def write_run_page(run: Run, path: Path) -> None:
-    """Write the report of a run: one HTML file that needs nothing else.
+    """Write the report of a run as one self-contained HTML file.
 
     Args:
-        run: what happened.
-        path: of the file; its folder exists.
+        run: the run.
+        path: path of the file; its folder exists.
 
     Raises:
         MissingExtraError: if viser or jinja2 is not installed.
@@ -76,7 +76,7 @@ def write_run_page(run: Run, path: Path) -> None:
 
 
 def _tries(run: Run) -> list[Section]:
-    """What a loop that tries places tried, and what it measured there."""
+    """Return the places that a loop tried, with the scores that it measured there."""
     if not run.tries:
         return []
     lowest = min((each.score for each in run.tries if np.isfinite(each.score)), default=np.nan)
@@ -107,7 +107,7 @@ def _tries(run: Run) -> list[Section]:
 
 
 def _notes(run: Run, facts: RunFacts) -> list[str]:
-    """What is not well at the end, and what the steps said of robot and sensors."""
+    """Return what is not well at the end, and what the steps reported of robot and sensors."""
     notes = [] if facts.stays or not facts.after else ["Nothing costs points at the end."]
     if said := told_of(run):
         hint = hint_of(said)
@@ -119,7 +119,7 @@ def _notes(run: Run, facts: RunFacts) -> list[str]:
 
 
 def _headlines(facts: RunFacts) -> list[Headline]:
-    """Before, had the object stayed, after; and the best on the way, where that was better."""
+    """Return the scores before, without moving the object, and after; and the best if lower."""
     found = [_headline("before", facts.before)]
     if facts.standing_still:
         found.append(_headline("had the object stayed", facts.standing_still))
@@ -167,14 +167,14 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
 
 
 def _out_of_balance(run: Run) -> list[tuple[str, str]]:
-    """For how long the person would have had to step, or to hold on to something."""
+    """Return the share of time in which the person would have had to step or to hold on."""
     if not run.unbalanced:
         return []
     return [("centre of mass beyond the feet", f"{100 * run.unbalanced:.1f} % of the time")]
 
 
 def _felt(run: Run) -> list[tuple[str, str]]:
-    """What a person with mass felt and did."""
+    """Return forces, slips and falls of a person with mass."""
     forces = np.linalg.norm(run.forces[:, :3], axis=1)
     forces = forces[np.isfinite(forces)]
     if not forces.size:

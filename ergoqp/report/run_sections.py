@@ -1,4 +1,4 @@
-"""The parts of a closed loop's page: score, segments, the object, limits, control steps."""
+"""Sections of the page of a closed loop: score, segments, object, limits, control steps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_LIMITS: Final = 16
 
 
 def over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
-    """Return the score and those of the segments over time."""
+    """Return the section of the score and the segments over time."""
     start = float(run.time[0])
     marks = [(start, facts.before, "before"), (float(run.time[-1]), facts.after, "after")]
     if facts.best < min(facts.before, facts.after):
@@ -49,7 +49,7 @@ def over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
 
 
 def segments(run: Run, facts: RunFacts) -> Section:
-    """Return the segments before and after, with their reasons."""
+    """Return the section of the segments before and after, with their reasons."""
     before, after = run.assessment.reasons(0), run.assessment.reasons(-1)
     rows = list(zip_longest(before, after, fillvalue=""))
     changed = [
@@ -78,7 +78,7 @@ def segments(run: Run, facts: RunFacts) -> Section:
 
 
 def motion(run: Run) -> Section:
-    """Return how the object moved."""
+    """Return the section of the object's motion."""
     linear = {f"v{axis}": 1e3 * run.twists[:, i] for i, axis in enumerate("xyz")}
     angular = {f"ω{axis}": np.degrees(run.twists[:, 3 + i]) for i, axis in enumerate("xyz")}
     way = np.linalg.norm(np.diff(run.poses[:, :3, 3], axis=0), axis=1).sum()
@@ -104,7 +104,7 @@ def _velocity(run: Run, which: str, series: dict[str, np.ndarray], unit: str) ->
 
 
 def limits(run: Run) -> Section:
-    """Return which limits held the object back, and which were broken."""
+    """Return the section of the limits that held the object back, and of those that were broken."""
     names = sorted({name for active in run.active for name in active})
     held = {
         name: np.array([name in active for active in run.active], dtype=np.int64) for name in names
@@ -145,7 +145,7 @@ def limits(run: Run) -> Section:
 
 
 def steps(run: Run, facts: RunFacts) -> Section:
-    """Return how the control steps ended, and how long they took."""
+    """Return the section of the statuses and durations of the control steps."""
     statuses = np.array(run.statuses)
     strips = []
     for status, count in facts.status_counts.items():

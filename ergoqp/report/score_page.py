@@ -1,6 +1,6 @@
-"""The page of a scored recording: the replay, the score over time, where the time goes.
+"""The page of a scored recording: replay, score over time, and share of time per risk level.
 
-It also gives the worst moment's reasons.
+It also gives the reasons of the worst moment.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def write_score_page(
     options: Sequence[tuple[str, str]],
     title: str = "Recording",
 ) -> None:
-    """Write the report of a scored recording: one HTML file that needs nothing else.
+    """Write the report of a scored recording as one self-contained HTML file.
 
     Args:
         recording: the movement.
-        assessment: of its n postures.
-        path: of the file; its folder exists.
-        options: what the scoring was told, as it is written: (what, value).
+        assessment: assessment of its n postures.
+        path: path of the file; its folder exists.
+        options: options of the scoring as text: (what, value).
         title: name of the recording, for the heading.
 
     Raises:

@@ -3,17 +3,17 @@
 ``scores.csv`` has one row per frame:
 
 - ``time_s``: time stamp [s];
-- ``reba``: final score 1 to 15, 0 when the frame could not be scored;
+- ``reba``: final score 1 to 15, 0 if the frame could not be scored;
 - ``risk``: its action level in words, ``not scored`` for 0;
-- ``arm``: the arm that was carried forward, empty when not scored;
+- ``arm``: the arm with the higher score B, empty if not scored;
 - one column per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score, 0
-  when not scored;
-- ``fit_error_mm``: how far the fitted body is from the recording, RMS [mm];
+  if not scored;
+- ``fit_error_mm``: distance of the fitted body from the recording, RMS [mm];
 - ``valid``: 1 or 0;
 - ``not_scored``: why not, causes separated by semicolons;
 - ``outside``: joints beyond their range, separated by spaces.
 
-``scores.json`` holds `summary_of`.
+``scores.json`` holds the result of `summary_of`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
 
 _BLOCK: Final = 4096
-"""Frames after which it is said how far it is."""
+"""Number of frames between two reports of progress."""
 
 
 def write_scores(
@@ -43,10 +43,10 @@ def write_scores(
     """Write ``scores.csv`` and ``scores.json``.
 
     Args:
-        recording: what was scored.
-        assessment: of its n postures.
-        folder: where to; it is made if it is not there.
-        progress: told the share that is written.
+        recording: the recording that was scored.
+        assessment: assessment of its n postures.
+        folder: folder of the files; it is created if needed.
+        progress: called with the share that is written.
 
     Returns:
         The two files.
@@ -94,7 +94,7 @@ def write_scores(
 
 
 def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
-    """Return what a scored recording comes down to.
+    """Return the summary of a scored recording.
 
     Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``not_scored`` {cause:
     frames}, ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over
@@ -107,8 +107,8 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     ``assumptions``. Frames count from 0.
 
     Args:
-        recording: what was scored.
-        assessment: of its n postures.
+        recording: the recording that was scored.
+        assessment: assessment of its n postures.
     """
     final, count = assessment.final[assessment.valid], int(assessment.valid.sum())
     levels = assessment.band[assessment.valid]

@@ -1,4 +1,4 @@
-"""The plain tables in the terminal."""
+"""Plain tables for the terminal."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ergoqp.simulation.run import Run
 
 
 def run_table(run: Run) -> RenderableType:
-    """Return what a run comes down to, for the terminal.
+    """Return the summary of a run for the terminal.
 
-    It is scores, segments, statuses, timing and broken limits.
+    It contains scores, segments, statuses, timing and broken limits.
 
     Args:
-        run: what happened.
+        run: the run.
     """
     facts = facts_of(run)
     scores = _plain(Text(run.title), ("", "before", "after", "best"), numeric=(1, 2, 3))
@@ -77,11 +77,11 @@ def run_table(run: Run) -> RenderableType:
 
 
 def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
-    """Return what a scored recording comes down to, for the terminal.
+    """Return the summary of a scored recording for the terminal.
 
     Args:
         recording: the movement.
-        assessment: of its n postures.
+        assessment: assessment of its n postures.
     """
     summary = summary_of(recording, assessment)
     table = _plain(None, ("", ""))
@@ -121,7 +121,7 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
 
 
 def _plain(title: Text | None, head: tuple[str, ...], numeric: tuple[int, ...] = ()) -> Table:
-    """A table without lines, which survives a pipe; without a head when no column has a name."""
+    """Return a table without lines, readable in a pipe; without a head if no column has a name."""
     table = Table(
         title=title, box=None, show_header=any(head), title_justify="left", pad_edge=False
     )

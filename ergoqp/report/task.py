@@ -1,4 +1,4 @@
-"""What an assessment was told about the task: the one place where the report looks into it."""
+"""Access to the task options of an assessment. No other module of the report uses them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ergoqp.sheets.postures import read_postures
 
 
 def scored_alike(assessment: Assessment, postures: NDArray[np.float64]) -> Assessment:
-    """Score other postures (n, 32) [rad] with an assessment's method.
+    """Score other postures (n, 32) [rad] with the method of an assessment.
 
     The task options are those of its first posture.
     """

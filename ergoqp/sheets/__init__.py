@@ -1,1 +1,1 @@
-"""Posture sheets as data, and their exact reading."""
+"""Posture sheets as data, and their exact scores."""

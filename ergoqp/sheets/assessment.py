@@ -1,4 +1,4 @@
-"""Scores of many postures: the final score at once, everything else when it is asked for."""
+"""REBA scores of many postures: the final scores at once, all details on demand."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _BLOCK: Final = 2048
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """REBA of n postures. An invalid posture (NaN) has 0 everywhere and level -1.
+    """REBA scores of n postures. An invalid posture (NaN) has 0 everywhere and level -1.
 
     Attributes:
         postures: the postures, shape (n, 32) [rad], read-only.
@@ -60,7 +60,10 @@ class Assessment:
 
     @cached_property
     def outside(self) -> NDArray[np.bool_]:
-        """Finite angles beyond their joint's range, scored by the outer band; shape (n, 32)."""
+        """Finite angles beyond the range of their joint; shape (n, 32).
+
+        They are scored by the outer band.
+        """
         return (self.postures < LOWER - TIE) | (self.postures > UPPER + TIE)
 
     @cached_property
@@ -70,14 +73,14 @@ class Assessment:
 
     @cached_property
     def arm(self) -> NDArray[np.str_]:
-        """The arm with higher score B, ``"right"`` or ``"left"`` (right when equal); shape (n,)."""
+        """Arm with the higher score B, ``"right"`` or ``"left"``, right if equal; shape (n,)."""
         return np.where(self._left_is_worse, "left", "right")
 
     @cached_property
     def segments(self) -> dict[str, NDArray[np.int64]]:
         """Score (n,) of each segment: neck, trunk, legs, ``right_*`` and ``left_*`` of the arms.
 
-        The arm's segments without a side are those that were carried forward.
+        The arm segments without a side are those that enter the final score.
         """
         found = {
             name: np.where(self.valid, scores, 0).astype(np.int64)
@@ -92,15 +95,15 @@ class Assessment:
         return found
 
     def reasons(self, i: int) -> list[str]:
-        """Say where the score of posture `i` comes from.
+        """Return sentences that explain the score of posture `i`.
 
-        There is a sentence per segment, then the tables, then warnings.
+        The list has a sentence per segment, then the tables, then warnings.
 
         Args:
             i: number of the posture, from 0 (negative: from the end).
 
         Raises:
-            InputError: for a number that there is no posture for.
+            InputError: if there is no posture with that number.
         """
         i = self._index(i, "reasons")
         posture, task, sheet = self.postures[i], self._task.rows(i), self._sheet
@@ -122,17 +125,17 @@ class Assessment:
         return sentences
 
     def costly(self, i: int) -> list[str]:
-        """Say what makes posture `i` score above 1.
+        """Return what makes the score of posture `i` higher than 1.
 
-        The list names the segments above their lowest score, of the arms only the one that counts,
-        and the points of the task. It is empty where the score is 1, as not every segment above its
-        lowest costs a point.
+        The list names the segments above their lowest score, and the points of the task. Of
+        the arms it names only the one that counts. The list is empty if the score is 1,
+        because a segment above its lowest score does not always cost a point.
 
         Args:
             i: number of the posture, from 0 (negative: from the end).
 
         Raises:
-            InputError: for a number that there is no posture for.
+            InputError: if there is no posture with that number.
         """
         i = self._index(i, "costly")
         if self.final[i] <= 1:
@@ -197,7 +200,7 @@ class Assessment:
 
 
 def _as_read(method: Method, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what a method reads of joint angles (32, ...) [rad]."""
+    """Return joint angles (32, ...) [rad] as the method reads them."""
     return angles if method.upper_arm == "flexion" else by_elevation(angles)
 
 
@@ -210,7 +213,7 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         task: options of these postures.
 
     Raises:
-        InputError: for an angle beyond +-180 deg.
+        InputError: if an angle is beyond +-180 deg.
     """
     sheet, count = sheet_of(method), len(postures)
     labels = [segment.label(side) for segment in sheet.segments.values() for side in segment.sides]

@@ -1,8 +1,9 @@
-"""A sheet as data: the parts of a posture sheet, read from a TOML file and the values of a method.
+"""The parts of a posture sheet, read from a TOML file and the values of a method.
 
-Three readings stand on these parts and on nothing else: the exact score
-(:mod:`ergoqp.sheets.look_up`), the reasons in words (:mod:`ergoqp.sheets.words`) and the smooth
-score (:mod:`ergoqp.costs.smooth_reba`). Nothing here knows which sheet it is.
+Three modules use these parts, and nothing else describes the sheet: the exact score
+(:mod:`ergoqp.sheets.look_up`), the reasons in words (:mod:`ergoqp.sheets.words`) and the
+smooth score (:mod:`ergoqp.costs.smooth_reba`). This module does not depend on which sheet it
+is.
 """
 
 from __future__ import annotations
@@ -23,20 +24,21 @@ from ergoqp.joints import INDEX, SIDES
 TIE: Final = 1e-9
 """Half width of a band end [rad, or the unit of the edge].
 
-20 deg computed in two ways may differ in its last bits.
+The same 20 deg, computed in two ways, may differ in the last bits.
 """
 
 
 @dataclass(frozen=True)
 class StepFunction:
-    """A piecewise constant function of one number: a joint's bands, or the load.
+    """A piecewise constant function of one number: the bands of a joint, or the load.
 
     Attributes:
-        joint: joint name; without its side when the segment has two.
-        edges: ascending band ends [rad].
+        joint: name of the joint, without the side if the segment has two.
+        edges: ascending ends of the bands [rad].
         scores: one score per band, one more than `edges`.
-        rises_at: what an argument must exceed to be past each edge; ties are decided here [rad].
-        words: what a negative and a positive argument are called.
+        rises_at: thresholds that a value must exceed to be past each edge; they decide about
+            ties [rad].
+        words: the words for a negative and a positive value.
     """
 
     joint: str
@@ -46,7 +48,7 @@ class StepFunction:
     words: tuple[str, str]
 
     def score(self, values: NDArray[np.float64]) -> NDArray[np.int8]:
-        """Return the score of the band that each value lies in; NaN falls into the lowest.
+        """Return the score of the band that each value is in. NaN is in the lowest band.
 
         Args:
             values: any shape, in the unit of the edges.
@@ -60,13 +62,13 @@ class StepFunction:
         return total
 
     def band(self, value: float) -> int:
-        """Return the number of the band that a value lies in, 0 for the lowest."""
+        """Return the number of the band that a value is in, 0 for the lowest."""
         return sum(value > threshold for threshold in self.rises_at)
 
 
 @dataclass(frozen=True)
 class Modifier:
-    """Points for conditions of several joints: at most one in all, or one each when `additive`."""
+    """Points for conditions of several joints: at most one in total, or one each if `additive`."""
 
     conditions: tuple[StepFunction, ...]
     additive: bool
@@ -74,7 +76,7 @@ class Modifier:
 
 @dataclass(frozen=True)
 class OptionPoints:
-    """Points that joint angles cannot tell: added when `option` is set and `not_with` is not."""
+    """Points for a task option: added if `option` is set and `not_with` is not."""
 
     option: str
     points: int
@@ -88,14 +90,14 @@ class Segment:
 
     Attributes:
         name: for example ``"upper_arm"``.
-        sided: scored for the right and the left side apart.
-        worse_side: scored once, by the worse of both sides of the base joint.
+        sided: the right and the left side are scored separately.
+        worse_side: there is one score, by the worse of both sides of the base joint.
         start: score before anything is added.
         highest: length of the segment's axis in its table.
         base: bands of the main joint.
-        skipped_by: option that makes the base count 0, or None.
+        skipped_by: option that sets the base to 0, or None.
         modifiers: points for other joints.
-        options: points for what joint angles cannot tell.
+        options: points for task options.
     """
 
     name: str
@@ -110,7 +112,7 @@ class Segment:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """Sides scored apart: ``("right", "left")``, or ``("",)`` for what is scored once."""
+        """Sides that are scored separately: ``("right", "left")``, or ``("",)`` for one score."""
         return SIDES if self.sided else ("",)
 
     @property
@@ -119,9 +121,9 @@ class Segment:
         return (self.base, *(step for modifier in self.modifiers for step in modifier.conditions))
 
     def joint(self, step: StepFunction, side: str) -> int:
-        """Return the index in a posture of a step's joint on one side.
+        """Return the index in a posture of the joint of a step on one side.
 
-        The side is ignored where there is only one.
+        The side is ignored if the joint has only one.
         """
         paired = self.sided or (self.worse_side and step is self.base)
         return INDEX[f"{side}_{step.joint}" if paired else step.joint]
@@ -135,7 +137,7 @@ class Segment:
 class ScoreTable:
     """A table of scores 1, 2, ...: `cells` [score - 1, ...] of the named axes.
 
-    `plus` is added to what it gives.
+    The points named `plus` are added to the result.
     """
 
     axes: tuple[str, ...]
@@ -153,9 +155,9 @@ class Sheet:
     """A posture sheet with every value of its method filled in.
 
     Attributes:
-        name: of the sheet.
-        segments: by name, in order.
-        tables: ``A`` and ``B`` join segments, ``C`` joins these two.
+        name: name of the sheet.
+        segments: segments by name, in order.
+        tables: ``A`` and ``B`` combine segments, ``C`` combines the results of these two.
         points: highest points of load, coupling and activity.
         load: points by mass [kg].
         shock: points for a shock or a rapid build-up of force.
@@ -194,14 +196,15 @@ def load_description(name: str) -> dict[str, Any]:
 def read_sheet(
     description: Mapping[str, Any], values: Mapping[str, Any], *, ties: Ties, load_ties: Ties
 ) -> Sheet:
-    """Fill the values of a method into a description.
+    """Return a description as a sheet, with the values of a method.
 
     Args:
         description: from :func:`load_description`.
-        values: value of every name that edges and alternatives refer to.
-        ties: whether a band end of an angle belongs to the neighbour with the lower or the higher
-            score.
-        load_ties: the same for the load; ``"inner"``: both ends belong to the band between them.
+        values: the value of every name that edges and alternatives refer to.
+        ties: whether an angle at the end of a band gets the lower or the higher score of the
+            two bands.
+        load_ties: the same for the load; ``"inner"``: both ends belong to the band between
+            them.
     """
     tables = {
         name: ScoreTable(
@@ -274,12 +277,11 @@ def _read_step(
     scores = entry["scores"]
     thresholds = []
     for i, edge in enumerate(edges):
-        # An argument at the edge stays in the band below it if that band is the one that owns the
-        # edge.
+        # A value at the edge stays in the band below if the edge belongs to that band.
         rises = scores[i + 1] > scores[i]
         below = {"lower": rises, "higher": not rises, "inner": i == len(edges) - 1}[ties]
         thresholds.append(edge + TIE if below else edge - TIE)
-    # Two edges may coincide (a tolerance of 0); the band between them is then empty, never
+    # Two edges may coincide (a tolerance of 0). The band between them must then be empty, not
     # negative.
     thresholds = np.maximum.accumulate(thresholds).tolist()
     return StepFunction(

@@ -1,10 +1,11 @@
-"""How far an arm is raised, whichever way its joints got there.
+"""Elevation of an arm: how far it is raised, whichever way its joints reach the direction.
 
-Flexion and abduction of a shoulder name some directions twice: flexion 0 and abduction 170 is 10
-degrees away from flexion 170 and abduction 10, and a sheet that reads flexion scores them 2 and 4.
-The elevation is the angle between the upper arm and the trunk's downward axis, its plane where the
-arm points: 0 degrees to the side, 90 forward, -90 backward (Wu et al., ISB recommendation on
-definitions of joint coordinate systems, part II, Journal of Biomechanics 38 (2005), 981-992).
+Flexion and abduction of a shoulder describe some directions in two ways. Flexion 0 with
+abduction 170 is 10 degrees away from flexion 170 with abduction 10, but a sheet that reads
+flexion scores them 2 and 4. The elevation is the angle between the upper arm and the downward
+axis of the trunk. Its plane is the direction in which the arm points: 0 degrees to the side,
+90 forward, -90 backward (Wu et al., ISB recommendation on definitions of joint coordinate
+systems, part II, Journal of Biomechanics 38 (2005), 981-992).
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ def elevation_of(postures: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
 
 
 def by_elevation(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return joint angles (32, n) [rad] as a sheet reads them that scores where the arms point.
+    """Return joint angles (32, n) [rad] for a sheet that scores the direction of the arms.
 
-    Instead of flexion there is the elevation, negative for an arm that points backward rather than
-    to the side; instead of abduction the angle that the arm is out of the sagittal plane.
+    The flexion of the shoulder is replaced by the elevation, which is negative if the arm
+    points backward more than to the side. The abduction is replaced by the angle between the
+    arm and the sagittal plane.
 
     Args:
         angles: one row per joint (32, n) [rad].
@@ -51,7 +53,7 @@ def by_elevation(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 def _raised(
     flexion: NDArray[np.float64], abduction: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return elevation, plane, and the angle out of the sagittal plane (n,) [rad]."""
+    """Return elevation, plane, and the angle to the sagittal plane (n,) [rad]."""
     forward, out = np.sin(flexion) * np.cos(abduction), np.sin(abduction)
     down = np.cos(flexion) * np.cos(abduction)
     aside = np.hypot(forward, out)

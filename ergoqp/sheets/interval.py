@@ -1,9 +1,9 @@
-"""The simplified sheet behind the EPFL report's data.
+"""The simplified sheet behind the data of the EPFL report.
 
-It is for comparison with the report's figures only, never for a person.
+Use it only for comparison with the figures of the report, never for a person.
 
-Its scores are about one point below REBA's. The worse of both arms counts in each segment; no load,
-coupling or activity.
+Its scores are about one point below those of REBA. In each segment the worse of both arms
+counts. Load, coupling and activity are not counted.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FINAL_MAX: Final = 12
 
 @cache
 def interval_sheet() -> Sheet:
-    """Return the sheet: its own bands, and REBA's tables with the cells that are one point low."""
+    """Return the sheet: its own bands, and the tables of REBA with some cells one point lower."""
     reba, own = load_description("reba"), load_description("interval")
     for table, cells in own["low_cells"].items():
         for first, second, third in cells:
@@ -39,7 +39,7 @@ def interval_sheet() -> Sheet:
 def interval_ranges() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lower and upper ends of the angles in the data, shape (32,) each [rad].
 
-    Other joints have all their range.
+    Joints that the sheet does not read have their full range.
     """
     lower, upper = LOWER.copy(), UPPER.copy()
     for name, entry in load_description("interval")["segments"].items():
@@ -63,7 +63,7 @@ def score_interval(postures: ArrayLike) -> NDArray[np.int64]:
             Angles beyond the ranges are scored by the outer band.
 
     Raises:
-        InputError: for a wrong shape, NaN, or an angle beyond +-180 deg.
+        InputError: if the shape is wrong, an angle is NaN, or an angle is beyond +-180 deg.
     """
     sheet = interval_sheet()
     angles = np.ascontiguousarray(read_postures(postures).T)

@@ -1,7 +1,7 @@
-"""The exact reading of a sheet, vectorised: angles to segment scores, these through the tables.
+"""Exact scores by a sheet, vectorised: angles give segment scores, tables give the final score.
 
-Works on a block of joint angles with one contiguous row per joint, so that every comparison runs
-over a whole row of postures in one go. All scores are int8.
+The functions take a block of joint angles with one contiguous row per joint, so that each
+comparison runs over a whole row of postures. All scores are int8.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, sid
 
 
 def score_segments(sheet: Sheet, angles: NDArray[np.float64], task: Task) -> dict[str, Scores8]:
-    """Return every segment's score by its key, ``"neck"`` ... ``"left_wrist"``.
+    """Return the score of every segment by its label, ``"neck"`` ... ``"left_wrist"``.
 
     The arguments are those of :func:`score_segment`.
     """
@@ -59,11 +59,11 @@ def score_segments(sheet: Sheet, angles: NDArray[np.float64], task: Task) -> dic
 
 
 def look_up(sheet: Sheet, table: str, *scores: Scores8) -> Scores8:
-    """Return the cells of a table.
+    """Return cells of a table.
 
     Args:
-        sheet: has the table.
-        table: its name.
+        sheet: the sheet with the table.
+        table: name of the table.
         *scores: one array of scores, counted from 1, per axis of the table.
     """
     cells = sheet.tables[table]
@@ -74,12 +74,12 @@ def look_up(sheet: Sheet, table: str, *scores: Scores8) -> Scores8:
 
 
 def score_side(sheet: Sheet, segments: dict[str, Scores8], side: str) -> Scores8:
-    """Return what table B gives for one arm."""
+    """Return the score of table B for one arm."""
     return look_up(sheet, "B", *(segments[segment.label(side)] for segment in sheet.of_table("B")))
 
 
 def score_worse_segments(sheet: Sheet, segments: dict[str, Scores8]) -> Scores8:
-    """Return what table B gives for the worse of both arms in each segment."""
+    """Return the score of table B for the worse of both arms in each segment."""
     return look_up(
         sheet,
         "B",
@@ -90,12 +90,12 @@ def score_worse_segments(sheet: Sheet, segments: dict[str, Scores8]) -> Scores8:
 def score_final(
     sheet: Sheet, table_a: Scores8, table_b: Scores8, points: dict[str, Scores8], highest: int
 ) -> Scores8:
-    """Return the final score from what tables A and B gave.
+    """Return the final score from the scores of tables A and B.
 
     Args:
         sheet: the sheet.
-        table_a: from table A.
-        table_b: from table B, of the arm carried forward.
+        table_a: score of table A.
+        table_b: score of table B, of the arm that counts.
         points: ``load``, ``coupling`` and ``activity``.
         highest: upper end of the final score.
     """

@@ -1,4 +1,4 @@
-"""REBA's open points as parameters: the user's choice, by name, where implementations disagree."""
+"""Parameters of REBA: where implementations of the sheet disagree, the user chooses by name."""
 
 from __future__ import annotations
 
@@ -36,56 +36,60 @@ _ASCENDING: Final = (
 class Method:
     """How the REBA sheet is read.
 
-    The defaults follow the publication; each field is a known point of disagreement.
+    The defaults follow the publication. Each field is a point on which implementations are
+    known to disagree.
 
-    The reference of an angle is not a parameter: trunk to the vertical, neck and upper arm to the
-    trunk, forearm to the upper arm, knee 0 when straight. Who measures otherwise converts the
-    angles first.
+    The reference of an angle is not a parameter: the trunk is measured to the vertical, neck
+    and upper arm to the trunk, the forearm to the upper arm, and the knee is 0 when straight.
+    Angles that are measured otherwise must be converted first.
 
     Attributes:
-        band_ends: an angle exactly at a band end (within 1e-9 rad) gets the ``"lower"`` of the two
-            scores (20 deg is "0-20") or the ``"higher"``. Holds for modifier thresholds too.
-        load_ends: exactly 5 and 10 kg: ``"inner"`` as printed ("5-10" includes both), else the
-            lower or higher points.
-        additive: twist and side-bend of neck and trunk give one point each, clamped to the table,
-            not one together.
-        trunk_extension: over 20 deg: ``"worksheet"`` 3; ``"capped"`` 2 (as implementations that
-            never test it); ``"mirrored"`` as flexion, so over 60 is 4.
-        adduction: the upper arm drawn across the body counts as abducted does.
-        knees_when_seated: bent knees count also when seated.
-        arms: each arm scored ``"whole"`` and the worse score B carried forward, or the worse of
-            both arms in each of its ``"segments"`` (never lower).
-        upper_arm: what its bands read: the ``"flexion"`` of the shoulder, or the ``"elevation"`` of
-            the arm, whichever way its joints got there (see `ergoqp.sheets.elevation`). For
-            assessments only: costs take flexion, as elevation mixes joints.
+        band_ends: an angle exactly at the end of a band (within 1e-9 rad) gets the ``"lower"``
+            of the two scores (20 deg is "0-20") or the ``"higher"``. This holds for the
+            thresholds of modifiers too.
+        load_ends: points at exactly 5 and 10 kg: ``"inner"`` as printed ("5-10" includes
+            both), else the ``"lower"`` or the ``"higher"`` points.
+        additive: twist and side bend of neck and trunk give one point each, clamped to the
+            table, instead of one point together.
+        trunk_extension: score over 20 deg of extension: ``"worksheet"``: 3; ``"capped"``: 2,
+            as in implementations that never test it; ``"mirrored"``: as for flexion, so 4 over
+            60 deg.
+        adduction: an upper arm that crosses the body counts as abducted.
+        knees_when_seated: bent knees count also when the person sits.
+        arms: ``"whole"``: each arm is scored, and the higher score B counts. ``"segments"``:
+            the worse of both arms counts in each segment; the score is then never lower.
+        upper_arm: what the bands of the upper arm read: the ``"flexion"`` of the shoulder, or
+            the ``"elevation"`` of the arm, which does not depend on how the joints reach it
+            (see `ergoqp.sheets.elevation`). Only assessments can use elevation. Costs use
+            flexion, because elevation depends on several joints.
         final_max: upper end of the final score, 15; some implementations stop at 12.
-        neck_extension_deg: extension counts past this; negative: flexion below that amount counts
-            as extension [deg].
+        neck_extension_deg: extension counts past this angle; negative: flexion below that
+            amount counts as extension [deg].
         neck_flexion_deg: end of the neck's first band [deg].
-        neck_side_bend_deg: modifier threshold [deg].
-        neck_twist_deg: modifier threshold [deg].
-        trunk_upright_deg: upright within this, both ways [deg].
-        trunk_bent_deg: end of the trunk's second band, both ways [deg].
-        trunk_deep_deg: start of its last band [deg].
-        trunk_side_bend_deg: modifier threshold [deg].
-        trunk_twist_deg: modifier threshold [deg].
-        knee_bent_deg: +1 past this [deg].
-        knee_deep_deg: +2 past this; 180 to have no such band [deg].
-        upper_arm_low_deg: end of the first band, both ways [deg].
+        neck_side_bend_deg: threshold of the modifier [deg].
+        neck_twist_deg: threshold of the modifier [deg].
+        trunk_upright_deg: the trunk is upright up to this angle, in both directions [deg].
+        trunk_bent_deg: end of the trunk's second band, in both directions [deg].
+        trunk_deep_deg: start of the trunk's last band [deg].
+        trunk_side_bend_deg: threshold of the modifier [deg].
+        trunk_twist_deg: threshold of the modifier [deg].
+        knee_bent_deg: +1 past this angle [deg].
+        knee_deep_deg: +2 past this angle; 180 for no such band [deg].
+        upper_arm_low_deg: end of the first band, in both directions [deg].
         upper_arm_middle_deg: end of the second band [deg].
         upper_arm_high_deg: end of the third band [deg].
-        shoulder_abduction_deg: modifier threshold [deg].
-        shoulder_rotation_deg: modifier threshold, both ways [deg].
+        shoulder_abduction_deg: threshold of the modifier [deg].
+        shoulder_rotation_deg: threshold of the modifier, in both directions [deg].
         elbow_low_deg: lower end of the good band [deg].
-        elbow_high_deg: upper end of the good band; 180 to have none [deg].
-        wrist_flexion_deg: end of the first band, both ways [deg].
-        wrist_deviation_deg: modifier threshold, both ways [deg].
-        forearm_pronation_deg: modifier threshold of the twisted wrist, both ways [deg].
+        elbow_high_deg: upper end of the good band; 180 for no upper end [deg].
+        wrist_flexion_deg: end of the first band, in both directions [deg].
+        wrist_deviation_deg: threshold of the modifier, in both directions [deg].
+        forearm_pronation_deg: threshold of the twisted wrist, in both directions [deg].
         load_low_kg: one point from this mass [kg].
         load_high_kg: two points past this mass [kg].
 
     Raises:
-        InputError: at construction, for a value outside its range or edges out of order.
+        InputError: if a value is out of its range, or edges are not in ascending order.
 
     Source:
         S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
@@ -135,7 +139,7 @@ class Method:
     load_high_kg: float = _DEFAULT["load_high_kg"]
 
     def __post_init__(self) -> None:
-        """Check every value, so that a sheet can always be read from a method."""
+        """Check every value, so that every method gives a valid sheet."""
         for field in fields(self):
             self._check(field.name, getattr(self, field.name))
         if self.neck_extension_deg <= -self.neck_flexion_deg:
@@ -179,7 +183,7 @@ def read_method(method: Method | None) -> Method:
     """Return a method, the default for None.
 
     Raises:
-        InputError: for anything else.
+        InputError: if it is neither a `Method` nor None.
     """
     if method is not None and not isinstance(method, Method):
         raise InputError(f"method: got {shown(method)}, allowed: a reba.Method")
@@ -187,14 +191,16 @@ def read_method(method: Method | None) -> Method:
 
 
 def check_by_joint(method: Method, what: str) -> None:
-    """Raise for a method that reads several joints at once, where joints are taken one by one.
+    """Raise an error for a method that reads several joints at once.
+
+    Such a method cannot be used where joints are read one by one.
 
     Args:
-        method: how the sheet is to be read.
-        what: would read it.
+        method: how the sheet is read.
+        what: the function that would read it, for the message.
 
     Raises:
-        InputError: naming the value.
+        InputError: if the method reads the elevation of the upper arm.
     """
     if method.upper_arm != "flexion":
         raise InputError(
@@ -205,7 +211,7 @@ def check_by_joint(method: Method, what: str) -> None:
 
 @lru_cache(maxsize=64)
 def sheet_of(method: Method) -> Sheet:
-    """Return the REBA sheet with a method's values filled in."""
+    """Return the REBA sheet with the values of a method."""
     return read_sheet(
         _DESCRIPTION, asdict(method), ties=method.band_ends, load_ties=method.load_ends
     )

@@ -1,4 +1,4 @@
-"""Posture arrays as they come in: shape and unit checked once, in one place."""
+"""Checks of posture arrays: shape and unit are checked once, here."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from ergoqp.sheets.description import TIE
 
 
 def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
-    """Return postures as a read-only array of shape (n, 32) [rad] that nobody else can write to.
+    """Return postures as a read-only array of shape (n, 32) [rad] that no other code can write to.
 
-    An array that is so already is taken as it is: an hour of postures is 110 MB.
+    An array that already is read-only and owns its data is not copied: an hour of postures is
+    110 MB.
 
     Args:
         postures: shape (n, 32) or (32,).
 
     Raises:
-        InputError: for anything that is not numbers of that shape.
+        InputError: if they are not numbers of that shape.
     """
     try:
         rows = postures if _is_final(postures) else np.array(postures, dtype=float, order="C")
@@ -41,7 +42,7 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
 
 
 def _is_final(postures: ArrayLike) -> TypeGuard[NDArray[np.float64]]:
-    """Return whether this is an own array of numbers that cannot be written to."""
+    """Return whether this is an array of numbers that owns its data and cannot be written to."""
     return (
         type(postures) is np.ndarray
         and postures.base is None
@@ -56,13 +57,13 @@ def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool
 
     Args:
         angles: shape (32, n), one row per joint [rad].
-        first_row: number of the block's first posture, for the sentence of an error.
+        first_row: number of the block's first posture, for the message.
 
     Raises:
-        InputError: for an angle beyond +-180 deg, infinity included.
+        InputError: if an angle is beyond +-180 deg or infinite.
     """
     count = angles.shape[1]
-    # One pass over the block settles the usual case; a NaN fails both comparisons.
+    # Fast path for the usual case. A NaN fails both comparisons.
     if count == 0 or (angles.min() >= -np.pi and angles.max() <= np.pi):
         return np.ones(count, dtype=bool)
     beyond = np.abs(angles) > np.pi + TIE

@@ -1,4 +1,4 @@
-"""REBA: how risky is a posture, 1 to 15, and why.
+"""REBA: the risk of a posture from 1 to 15, and the reasons for it.
 
 >>> import numpy as np
 >>> from ergoqp import reba
@@ -45,9 +45,9 @@ Example:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """What the tables give for segment scores.
+    """Results of the tables for given segment scores, from `combine`.
 
-    They are whole numbers. If any argument was an array, they are arrays of the common shape.
+    All are whole numbers. If any argument was an array, they are arrays of the common shape.
 
     Attributes:
         table_a: table A of neck, trunk and legs, of any shape [points].
@@ -84,15 +84,15 @@ def combine(
     coupling: ArrayLike = 0,
     activity: ArrayLike = 0,
 ) -> Scores:
-    """Combine segment scores through the tables.
+    """Look up segment scores in the tables of the sheet.
 
-    All arguments are whole numbers, and they broadcast.
+    All arguments are whole numbers. They are broadcast to a common shape.
 
     Args:
         neck: 1 to 3, of any shape [points].
         trunk: 1 to 5, of any shape [points].
         legs: 1 to 4, of any shape [points].
-        upper_arm: 1 to 6, of the arm carried forward, of any shape [points].
+        upper_arm: 1 to 6, of the arm that counts, of any shape [points].
         lower_arm: 1 to 2, of any shape [points].
         wrist: 1 to 3, of any shape [points].
         load: points of the load, 0 to 3, of any shape [points].
@@ -100,7 +100,7 @@ def combine(
         activity: points of the activity, 0 to 3, of any shape [points].
 
     Raises:
-        InputError: for a score outside its range, or shapes that do not broadcast.
+        InputError: if a score is out of its range, or shapes do not broadcast.
 
     Source:
         S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
@@ -166,29 +166,30 @@ def assess(
     arm_supported: tuple[ArrayLike, ArrayLike] = (False, False),
     shoulder_raised: tuple[ArrayLike, ArrayLike] = (False, False),
 ) -> Assessment:
-    """Score postures.
+    """Score postures by REBA.
 
-    A finite angle beyond its joint's range is scored by the outer band and flagged in ``outside``.
-    NaN makes that one posture invalid: ``final`` 0.
+    A finite angle beyond the range of its joint is scored by the outer band, and
+    `Assessment.outside` shows it. A posture with NaN is invalid: its ``final`` is 0. The other
+    postures are scored.
 
     Args:
         postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
         method: how the sheet is read; the default follows the publication.
-        load_kg: mass handled [kg]. This and every option below is one value, or one per posture
-            with the shape (n,).
+        load_kg: mass that is handled [kg]. This option and all below are one value, or one per
+            posture with the shape (n,).
         shock: flag, () or (n,): there is a shock or a rapid build-up of force.
         coupling: () or (n,): 0 good, 1 fair, 2 poor, 3 unacceptable [points].
-        activity: () or (n,): 0 to 3, one for each of static over a minute, repeated over four times
-            a minute, rapid large changes [points].
-        seated: flag, () or (n,): the person sits, and the knees are not counted.
-        one_leg: flag, () or (n,): the weight is on one leg, or the stance is unstable. It is not
-            counted when seated.
+        activity: () or (n,): 0 to 3, one point for each of: static for more than a minute,
+            repeated more than four times a minute, rapid large changes [points].
+        seated: flag, () or (n,): the person sits; the knees are then not counted.
+        one_leg: flag, () or (n,): the weight is on one leg, or the stance is unstable. It is
+            not counted when seated.
         arm_supported: flags (right, left): the arm is supported or gravity assists it.
         shoulder_raised: flags (right, left): the shoulder is raised.
 
     Raises:
-        InputError: for a wrong shape, an angle beyond +-180 deg (degrees given as radians?) or an
-            option out of range.
+        InputError: if a shape is wrong, an angle is beyond +-180 deg (were degrees given as
+            radians?) or an option is out of range.
 
     Source:
         S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31

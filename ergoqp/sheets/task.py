@@ -1,6 +1,6 @@
-"""What joint angles cannot tell: load, shock, coupling, activity, support, stance.
+"""Task options that joint angles cannot tell: load, shock, coupling, activity, support, stance.
 
-These are explicit inputs, checked, never guessed.
+They are explicit inputs. They are checked and never guessed.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 
 
 class TaskOptions(TypedDict, total=False):
-    """The options as keywords, one value for all postures.
+    """The options of a task as keywords, one value for all postures.
 
-    Meanings are as in :func:`ergoqp.sheets.reba.assess`.
+    The meanings are those of :func:`ergoqp.sheets.reba.assess`.
 
     Example:
         >>> from ergoqp.costs.smooth_reba import SmoothReba
@@ -52,7 +52,7 @@ DEFAULTS: Final = TaskOptions(
     arm_supported=(False, False),
     shoulder_raised=(False, False),
 )
-"""What holds where an option is not given."""
+"""Values of the options that are not given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ class Task:
 
     Attributes:
         points: points of ``load`` (with shock), ``coupling`` and ``activity``; int8.
-        flags: per option its value, or for options of one side the (right, left) pair; bool.
+        flags: value of each option, or the (right, left) pair for options of one side; bool.
         load_kg: the mass [kg].
-        shock: shock or a rapid build-up of force.
+        shock: there is a shock or a rapid build-up of force.
     """
 
     points: dict[str, NDArray[np.int8]]
@@ -77,7 +77,7 @@ class Task:
         return value[SIDES.index(side)] if isinstance(value, tuple) else value
 
     def rows(self, rows: slice | int) -> Task:
-        """Return the options of some postures; what is the same for all stays one value."""
+        """Return the options of some postures. A value for all postures stays a single value."""
 
         def cut(value: NDArray) -> NDArray:
             return value if value.ndim == 0 else np.asarray(value[rows])
@@ -94,16 +94,17 @@ class Task:
 
 
 def read_task(sheet: Sheet, count: int | None, options: Mapping[str, Any]) -> Task:
-    """Check a task's options.
+    """Check the options of a task.
 
     Args:
         sheet: gives the allowed points and the load bands.
-        count: number of postures n; None where only single values make sense.
-        options: those of `TaskOptions` that are given, each one value or one per posture.
+        count: number of postures n; None if only single values are allowed.
+        options: the given options of `TaskOptions`, each one value or one per posture.
 
     Raises:
-        TypeError: for an option that there is not.
-        InputError: naming the option, what it got and what is allowed.
+        TypeError: if an option does not exist.
+        InputError: if a value is not allowed. The message names the option, the value and what
+            is allowed.
     """
     if unknown := [name for name in options if name not in DEFAULTS]:
         raise TypeError(f"task: got {shown(unknown[0])}, allowed {', '.join(DEFAULTS)}")
@@ -133,14 +134,14 @@ def whole_numbers(
     """Return whole numbers in a range as int8, shape () or (n,).
 
     Args:
-        name: what the sentence of an error calls it.
+        name: name of the value in messages.
         value: number or numbers.
         low: smallest allowed.
         high: largest allowed.
         count: allowed length n, None for single values only, -1 for any shape.
 
     Raises:
-        InputError: for anything else than whole numbers in the range.
+        InputError: if they are not whole numbers in the range.
     """
     numbers = _numbers(name, value, count)
     wrong = ~((numbers >= low) & (numbers <= high) & (numbers == np.round(numbers)))

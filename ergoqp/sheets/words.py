@@ -1,4 +1,4 @@
-"""The reading of a sheet in words: one sentence per segment whose numbers add up to its score."""
+"""The scores of a sheet in words: one sentence per segment, its numbers add up to the score."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ergoqp.sheets.task import Task
 def explain_segment(
     segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int
 ) -> str:
-    """Say where a segment's score comes from.
+    """Return a sentence that explains the score of a segment.
 
     An example is ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
 
@@ -22,7 +22,7 @@ def explain_segment(
         posture: one posture, shape (32,) [rad].
         task: options of this posture, single values.
         side: ``"right"``, ``"left"`` or ``""``.
-        score: what the exact reading gave; named at the end when a clamp changed the sum.
+        score: the exact score. It is named at the end if a clamp changed the sum.
     """
     joint_side = _worse_side(segment, posture) if segment.worse_side else side
     angle = float(posture[segment.joint(segment.base, joint_side)])
@@ -78,9 +78,9 @@ def _word(step: StepFunction, angle: float) -> str:
 
 
 def _magnitude(step: StepFunction, angle: float) -> str:
-    """Return the angle's size with as few decimals as keep it in its band.
+    """Return the size of an angle with the fewest decimals that keep it in its band.
 
-    So nobody reads "20, over 20".
+    This avoids sentences such as "20, over 20".
     """
     degrees = float(np.degrees(angle))
     for decimals in range(9):
@@ -91,7 +91,7 @@ def _magnitude(step: StepFunction, angle: float) -> str:
 
 
 def _band(step: StepFunction, angle: float) -> str:
-    """Name the band of an angle by its ends, in the direction that the angle points to."""
+    """Return the band of an angle by its ends, in the direction of the angle."""
     band = step.band(angle)
     ends = [-np.inf, *np.degrees(step.edges), np.inf]
     low, high = ends[band], ends[band + 1]

@@ -1,1 +1,1 @@
-"""People who follow, a robot that moves, the closed loop of both; the independent checker."""
+"""Simulated people and robots, their closed loops, and the independent checker."""

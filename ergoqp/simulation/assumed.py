@@ -1,4 +1,4 @@
-"""What a simulated loop takes as given, in sentences for people."""
+"""The assumptions of a simulated loop, in sentences for people."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.guide.place import Guide
 
 _MANY = 6
-"""Joints that read wrong are named one by one up to here."""
+"""Largest number of joints with wrong readings that are named one by one."""
 
 
 def about_person(
@@ -24,14 +24,14 @@ def about_person(
     unobserved: tuple[str, ...],
     place: Guide | None,
 ) -> list[str]:
-    """Return who is simulated, and what the controller knows of them.
+    """Return sentences on who is simulated, and what the controller knows of them.
 
     Args:
-        model: the controller's person.
+        model: the controller's model of the person.
         person: who is simulated.
-        senses: what lies between the two.
+        senses: sensors between the two.
         unobserved: joints that are not seen.
-        place: that the step is drawn to.
+        place: place to which a guide leads the object.
     """
     own = person.body
     sentences = [
@@ -75,12 +75,12 @@ def about_person(
 
 
 def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> list[str]:
-    """Return what is declared of the robot, and what it does.
+    """Return sentences on what is declared of the robot, and how it behaves.
 
     Args:
-        problem: declares it.
-        robot: what it does; None: as is declared.
-        person: whose simulation may have a robot of its own.
+        problem: the problem with the declaration.
+        robot: how it behaves; None: as declared.
+        person: the person, whose simulation may include its own robot.
     """
     declared = _told(problem.robot)
     does = _told(robot) if robot is not None else ""
@@ -111,7 +111,7 @@ def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> li
 
 
 def _told(robot: DeclaredRobot | RobotKind) -> str:
-    """A robot in words; what is as in a perfect one is left out."""
+    """Return a robot in words, without the values that are those of a perfect one."""
     perfect, words = type(robot)(), []
     for entry in fields(robot):
         value = getattr(robot, entry.name)

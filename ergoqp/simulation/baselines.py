@@ -1,8 +1,8 @@
-"""What a controller is to be compared with: simple ways to move the object, with the same limits.
+"""Baselines for controllers: simple ways to move the object, with the same limits.
 
-Leaving it alone, carrying it where a rule of thumb says, carrying it to the model's best place, and
-the gradient of the EPFL report. All of them keep the twist's speed, acceleration and axes, the
-workspace and the cone of the tool's axis.
+The object stays in place, or is carried to the place of a rule of thumb or to the best place
+of the model, or follows the gradient of the EPFL report. All keep the speed, acceleration and
+axes of the twist, the workspace and the cone of the tool axis.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from ergoqp.simulation.people.grasp import Work
 from ergoqp.step.answer.step import Step
 
 AHEAD = 0.40
-"""How far before the shoulder the rule of thumb wants the object [m]."""
+"""Distance of the object in front of the shoulder in the rule of thumb [m]."""
 
 GRADIENT_GAIN = 0.1
 """The factor epsilon of the EPFL report's equation 3.2, which it leaves open [m^2/s per point].
 
-Of 0.01 to 1 the one that ends lowest with either cost (0.3 as low on the smooth score), on starts
-that figures are not of: see ``benchmarks.gradient_gain``.
+Of the values from 0.01 to 1 it ends lowest with either cost (0.3 is as low on the smooth
+score), on starts that are not used for figures: see ``benchmarks.gradient_gain``.
 """
 
 _EDGE = float(np.radians(0.5))
-"""The gradient turns back as soon as the tool's axis is this near to the edge of its cone [rad]."""
+"""The gradient turns back when the tool axis is this close to the edge of its cone [rad]."""
 
 _BACK = 0.5
-"""And is back there within about this time [s]."""
+"""Approximate time within which it is back there [s]."""
 
 
 class Sent(Step):
-    """A twist and what it is about, of somebody who solves no program."""
+    """The step of a baseline: a twist and a status, without a program."""
 
     def __init__(self, twist: np.ndarray, status: str) -> None:
         """Keep both."""
@@ -52,48 +52,48 @@ class Sent(Step):
 
     @property
     def posture_rate(self) -> np.ndarray:
-        """No model of a person moves (32,)."""
+        """Zero, because there is no model of the person (32,)."""
         return np.zeros(32)
 
     @cached_property
     def slack(self) -> dict[str, float]:
-        """No row is soft."""
+        """Empty, because no row is soft."""
         return {}
 
 
 class Still:
-    """Leaves the object alone."""
+    """Keeps the object where it is."""
 
     def __init__(self, problem: Problem) -> None:
-        """Take the problem's period."""
+        """Take the period of the problem."""
         self.dt = problem.dt
 
     def reset(self) -> None:
-        """Begin a loop."""
+        """Do nothing: there is no state."""
 
     def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
-        """Stay."""
+        """Return the zero twist."""
         return Sent(np.zeros(6), "settled")
 
 
 class Drive:
     """Carries the object straight to a place, as fast as the limits allow, and leaves it there.
 
-    The tool's axis goes along a great circle, which does not leave a cone; the rest of the turn is
-    about it. Axes that are not allowed stay as they are.
+    The tool axis moves along a great circle, which does not leave a cone. The rest of the turn
+    is about the tool axis. Axes that are not allowed do not move.
 
     Args:
-        problem: whose limits hold.
-        start: pose of the object at the begin (4, 4) [m].
-        goal: where it is carried (4, 4) [m].
+        problem: the problem with the limits.
+        start: pose of the object at the start (4, 4) [m].
+        goal: pose to which it is carried (4, 4) [m].
 
     Attributes:
         dt: period [s].
-        duration: of the whole way [s].
+        duration: duration of the whole path [s].
     """
 
     def __init__(self, problem: Problem, start: np.ndarray, goal: np.ndarray) -> None:
-        """Plan the whole way."""
+        """Plan the whole path."""
         self.dt, limit = problem.dt, problem.twist_limit
         free = np.array([axis in limit.axes for axis in AXES])
         shift = np.where(free[:3], goal[:3, 3] - start[:3, 3], 0.0)
@@ -115,11 +115,11 @@ class Drive:
         self.duration, self._next = len(pace) * self.dt, 0
 
     def reset(self) -> None:
-        """Begin at the start."""
+        """Go back to the start of the path."""
         self._next = 0
 
     def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
-        """Go on, whatever the person does."""
+        """Return the next twist of the path. The posture does not matter."""
         if self._next + 1 >= len(self._poses):
             return Sent(np.zeros(6), "settled")
         here, there = self._poses[self._next : self._next + 2]
@@ -130,16 +130,16 @@ class Drive:
 class Gradient:
     """The EPFL report's controller: xi = -epsilon dV/dq dq/dx (equation 3.2), kept within limits.
 
-    The report has no rule for coming to rest but to stop below a cost of 1.
+    The only rule for coming to rest in the report is to stop below a cost of 1.
 
     Args:
-        problem: whose response and limits are taken.
+        problem: the problem with the response and the limits.
         cost: V(q).
         gain: epsilon.
-        compiled: take the gradient through the C compiler.
+        compiled: compile the gradient with a C compiler.
 
     Raises:
-        CompilerError: if there is no C compiler for ``compiled=True``.
+        CompilerError: if ``compiled=True`` and there is no C compiler.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class Gradient:
         gain: float = GRADIENT_GAIN,
         compiled: bool = False,
     ) -> None:
-        """Build the gradient's function."""
+        """Build the function of the gradient."""
         limit = problem.twist_limit
         self.dt, self._gain, self._acceleration = problem.dt, gain, limit.acceleration
         self._free = np.array([axis in limit.axes for axis in AXES], dtype=float)
@@ -170,12 +170,12 @@ class Gradient:
         self.reset()
 
     def reset(self) -> None:
-        """Begin a loop at rest."""
+        """Reset the state to rest."""
         self._twist, self._done = np.zeros(6), np.zeros(6)
         self._sent = deque([np.zeros(6)] * self._late)
 
     def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
-        """Go down the gradient where the posture was measured."""
+        """Return the twist down the gradient at the measured posture."""
         evaluator = self._evaluator
         evaluator.inputs["q"][:] = posture
         evaluator.evaluate()
@@ -183,10 +183,12 @@ class Gradient:
         if evaluator.outputs["v"][0] > 1.0:
             wished = self._gain * evaluator.outputs["g"] * self._free
         wished = wished / max(1.0, float((np.abs(wished) / self._allowed).max()))
-        # What would leave the workspace or the cone stops; the rest goes on along the wall.
+        # Components that would leave workspace or cone stop. The others continue along the
+        # wall.
         most = self._acceleration * self.dt
         twist = self._twist + (wished - self._twist).clip(-most, most)
-        # What is seen is old, and what was sent is not done yet: so much further it goes on.
+        # The measurement is old and sent twists are not executed yet, so the object moves
+        # further.
         stop = 2 * self.dt + float((np.abs(twist) / self._acceleration).max()) / 2
         ahead = stop * twist + self._lag * self._done + self.dt * sum(self._sent)
         if self._box is not None:
@@ -211,7 +213,7 @@ class Gradient:
     def _along_the_cone(self, axis: np.ndarray, wished: np.ndarray) -> np.ndarray:
         """Return the next turn (3,) [rad/s]: not further out, and as wished along the cone.
 
-        Braking comes first, and what is left of the acceleration is for the rest.
+        Braking comes first. The rest of the acceleration is used for the other components.
         """
         now, most, fastest = self._twist[3:], self._acceleration[3:] * self.dt, self._allowed[3:]
         out = np.cross(self._toward, axis)
@@ -232,7 +234,7 @@ def _angle(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _fits(change: np.ndarray, most: np.ndarray) -> float:
-    """Return the share of a change that is within a limit per axis."""
+    """Return the share of a change that keeps a limit per axis."""
     there = np.abs(change) > 1e-15
     return float(np.min(most[there] / np.abs(change[there]), initial=np.inf))
 
@@ -240,11 +242,11 @@ def _fits(change: np.ndarray, most: np.ndarray) -> float:
 def rule_pose(problem: Problem, body: Body) -> np.ndarray:
     """Return the pose of the rule of thumb (4, 4): elbow height, `AHEAD` of the shoulder, level.
 
-    Before the shoulder of the hand that works, or in the middle for both; within the workspace.
+    In front of the shoulder of the working hand, or in the middle for both; in the workspace.
 
     Args:
-        problem: whose workspace and cone hold.
-        body: whose elbow it is.
+        problem: the problem with the workspace and the cone.
+        body: body of the person.
     """
     work, tasks = Work.of(problem), BodyTasks(body)
     upright = np.zeros(32)
@@ -270,7 +272,7 @@ def rule_pose(problem: Problem, body: Body) -> np.ndarray:
 
 
 def _swing(have: np.ndarray, want: np.ndarray) -> np.ndarray:
-    """Return the shortest turn (3,) [rad] that leads from one direction to another."""
+    """Return the shortest turn (3,) [rad] from one direction to another."""
     across = np.cross(have, want)
     size = float(np.linalg.norm(across))
     return across / max(size, 1e-12) * np.arctan2(size, float(have @ want))
@@ -279,7 +281,7 @@ def _swing(have: np.ndarray, want: np.ndarray) -> np.ndarray:
 def _trapezoid(
     way: np.ndarray, speed: np.ndarray, acceleration: np.ndarray, dt: float, average: float
 ) -> np.ndarray:
-    """Return the pace of a whole way (n,) [1/s], period by period: it sums to 1 / dt."""
+    """Return the pace of a whole path (n,) [1/s], period by period. Its sum is 1 / dt."""
     if not way.any():
         return np.zeros(0)
     there = way > 1e-12

@@ -1,4 +1,4 @@
-"""Where the object could be for one person, by brute force: the yardstick for a closed loop."""
+"""All places of the object for one person, by brute force: a reference for closed loops."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ergoqp.problem.workspace import frame_of, turn_about
 from ergoqp.simulation.people.alike import Alike, Start
 
 SPACING = 0.10
-"""Distance of the places looked at [m]."""
+"""Distance of neighbouring places [m]."""
 TURNS = (-0.66, 0.0, 0.66)
-"""Tilts of the tool's axis looked at, as shares of the cone's half angle."""
+"""Tilts of the tool axis, as shares of the half angle of the cone."""
 
 
 @dataclass(frozen=True)
 class Map:
-    """The exact score of a person's rest posture over the object workspace.
+    """The exact score of a person's rest posture over the workspace of the object.
 
     Attributes:
-        poses: object poses (n, 4, 4).
+        poses: poses of the object (n, 4, 4).
         postures: rest postures (n, 32) [rad].
-        scores: exact score of each, 0 where the person does not reach (n,).
+        scores: exact score of each, 0 if the person does not reach (n,).
     """
 
     poses: np.ndarray
@@ -44,15 +44,15 @@ class Map:
 def workspace_map(
     problem: Problem, person: Alike, *, spacing: float = SPACING, cache: bool = True
 ) -> Map:
-    """Return the person's map, from the cache when the same was computed before.
+    """Return the map of a person, from the cache if the same one was computed before.
 
-    Every pose is settled from the rest posture of the nearest pose settled before it, outward from
-    the comfort posture.
+    The poses are settled outward from the comfort posture. Each one starts from the rest
+    posture of the nearest pose that was settled before.
     """
     entry = CacheEntry("maps", _key(problem, person, spacing))
     kept = entry.read(("poses", "postures", "scores")) if cache else None
     if kept is not None:
-        # What was kept but is no map is made anew.
+        # A cached file that is not a map is computed again.
         with contextlib.suppress(ErgoqpError, ValueError):
             return _allowed(problem, Map(kept["poses"], kept["postures"], kept["scores"]))
     result = _compute(problem, person, spacing)
@@ -62,7 +62,7 @@ def workspace_map(
 
 
 def _allowed(problem: Problem, found: Map) -> Map:
-    """Return a map without the places that limits of the user's own forbid: nobody reaches them."""
+    """Return a map in which places that the user's own limits forbid count as not reached."""
     if not problem.own_limits.limits:
         return found
     places = zip(found.poses, found.postures, strict=True)
@@ -85,9 +85,10 @@ def settle_in_order(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,).
 
-    Each is settled from the nearest before it.
+    Each is settled from the nearest one before it.
 
-    The object is held as in `start`, whose posture is the first to settle from; None: comfort.
+    The object is held as in `start`, and the first pose is settled from the posture of
+    `start`; None: comfort.
     """
     start = start or person.start_at(person.response.comfort)
     postures, reached = np.zeros((len(poses), len(start.posture))), np.zeros(len(poses), dtype=bool)
@@ -104,14 +105,14 @@ def settle_in_order(
 def outward(person: Alike, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
     """Return the order (n,) in which poses (n, 4, 4) are settled: outward from `home`.
 
-    If None, `home` is where comfort holds the object.
+    If `home` is None, it is the pose at which the comfort posture holds the object.
     """
     home = person.contact(person.response.comfort)[0] if home is None else home
     return np.argsort([_distance(pose, home) for pose in poses], kind="stable")
 
 
 def workspace_lines(problem: Problem, spacing: float) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return a map's places along x, y, z [m] and tilts (k, 3, 3); every combination is a pose."""
+    """Return a map's places along x, y, z [m] and tilts (k, 3, 3). Each combination is a pose."""
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     ends = zip(box.lower, box.upper, strict=True)
     lines = [np.linspace(a, b, max(1, round((b - a) / spacing) + 1)) for a, b in ends]
@@ -131,9 +132,9 @@ def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
 def tilted_frames(
     cone: AxisCone, axes: tuple[str, ...] = AXES, shares: tuple[float, ...] = TURNS
 ) -> np.ndarray:
-    """Return contact rotations (n, 3, 3) within a cone.
+    """Return rotations (n, 3, 3) of the contact frame within a cone.
 
-    They are tilts about the frame's y and z, where such turns are allowed.
+    They are tilts about y and z of the frame, as far as such turns are allowed.
     """
     middle = frame_of(np.asarray(cone.direction))
     half = np.radians(cone.half_angle_deg)
@@ -154,8 +155,8 @@ def draw_starts(
 ) -> list[Start]:
     """Return starts at rest in random reachable workspace places that score at least `at_least`.
 
-    Places are drawn from the person's map and shifted by up to half its spacing. Fewer than `count`
-    come back when `tries` places do not hold that many.
+    Places are drawn from the map of the person and shifted by up to half its spacing. There
+    are fewer than `count` starts if `tries` places do not give that many.
     """
     found = workspace_map(problem, person)
     candidates = np.flatnonzero(found.scores >= at_least)
@@ -176,8 +177,8 @@ def draw_starts(
             and not problem.own_limits.broken(pose, posture)
             and problem.assess(posture).final[0] >= at_least
         ):
-            # The hand has turned about a free tool: the person holds the object as they hold it
-            # now.
+            # The hand may have turned about a free tool, so the grasp is that of the new
+            # posture.
             starts.append(
                 Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles)
             )
@@ -218,7 +219,7 @@ def _key(problem: Problem, person: Alike, spacing: float) -> str:
 
 
 def _features(pose: np.ndarray) -> np.ndarray:
-    # A quarter turn counts as much as 30 cm when looking for the nearest pose.
+    # In the search for the nearest pose a quarter turn counts as much as 30 cm.
     return np.concatenate([pose[:3, 3], 0.2 * pose[:3, 0]])
 
 

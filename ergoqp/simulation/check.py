@@ -1,14 +1,14 @@
-"""The independent checker: every limit judged again in plain numpy.
+"""The independent checker: it checks every limit again in plain numpy.
 
-It judges from what was sent and measured alone.
+It uses only what was sent and measured.
 
-It shares no code with the step. What it checks: every twist against speed, acceleration and axes;
-the object's pose after each period against workspace and cone; the model person's predicted posture
-against joint ranges and rates and against the boundary of the data; elbow and wrist against the
-forearm's length; the contact point against regions to keep out of; and limits and regions of the
-user's own by the distances that they declare, which is all that anybody knows of them. What was
-outside may only come in, and what is in stays in: the object's pose is never further out than it
-ever was.
+It shares no code with the step. It checks every twist against speed, acceleration and axes;
+the pose of the object after each period against workspace and cone; the predicted posture of
+the model person against joint ranges and rates and against the boundary of the data; elbow and
+wrist against the length of the forearm; and the contact point against regions to keep out of.
+Limits and regions of the user's own are checked by the distances that they declare, because
+nothing else is known of them. An object that is outside may only move inward, and an object
+that is inside must stay inside: the pose is never further out than at its nearest so far.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ergoqp.limits import (
 from ergoqp.problem.problem import Problem
 
 _ALLOWED = 1e-8
-"""Rounding that is not a violation, in every unit."""
+"""Excess that counts as rounding, not as a violation, in every unit."""
 
 _SOLVED = 1e-7
 """Accuracy to which the QP keeps a joint's rate [rad/s]."""
@@ -42,12 +42,12 @@ _SOLVED = 1e-7
 
 @dataclass
 class Checker:
-    """Counts violations of one loop, step by step.
+    """Counts the violations of limits in one loop, step by step.
 
     Attributes:
-        problem: whose limits are checked.
-        violations: steps that broke a limit, per limit.
-        max_violation: the worst of each, in the unit of `units`.
+        problem: the problem with the limits.
+        violations: number of steps that broke a limit, per limit.
+        max_violation: largest violation of each limit, in the unit of `units`.
 
     Example:
         >>> import numpy as np
@@ -69,7 +69,7 @@ class Checker:
     units: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Set every count to zero, so that a limit that was never broken is reported too."""
+        """Set every count to zero, so that a limit that is never broken is reported too."""
         limit = self.problem.twist_limit
         self._speed = np.array([limit.linear_speed] * 3 + [limit.angular_speed] * 3)
         self._acceleration = np.array(
@@ -112,21 +112,21 @@ class Checker:
         after: np.ndarray | None = None,
         stops: bool = False,
     ) -> list[str]:
-        """Judge one step and return the names of the limits that it broke.
+        """Check one step and return the names of the limits that it broke.
 
         Args:
-            twist: sent (6,) [m/s, rad/s].
+            twist: the sent twist (6,) [m/s, rad/s].
             previous: twist of the period before (6,) [m/s, rad/s].
-            pose: of the object when the step was taken (4, 4) [m].
-            posture: measured (32,) [rad], None when no frame arrived.
+            pose: pose of the object when the step was taken (4, 4) [m].
+            posture: measured posture (32,) [rad], None if no frame arrived.
             rate: how the model person follows (32,) [rad/s].
             dt: period [s].
-            observed: (32,) bool, None: all.
-            after: where the object was at the end of the period (4, 4) [m]; None: where the twist
-                leads.
-            stops: whether the step itself said that it brakes.
-            gave_way: joints whose rate the step itself said it could not keep (its `slack`): soft
-                rows come after twist acceleration and workspace, and such steps are counted by
+            observed: joints that are seen (32,) bool, None: all.
+            after: pose of the object at the end of the period (4, 4) [m]; None: the pose that
+                the twist leads to.
+            stops: whether the step itself reported that it brakes.
+            gave_way: joints whose rate the step itself reported as not kept (its `slack`).
+                Soft rows come after acceleration and workspace. Such steps are counted by
                 their status, not here.
         """
         excess = {
@@ -175,7 +175,7 @@ class Checker:
         return broken
 
     def _jerk_excess(self, acceleration: np.ndarray, dt: float) -> float:
-        """By how much the acceleration changed faster than 2 a / W.
+        """Return by how much the acceleration changed faster than 2 a / W.
 
         The change is from the middle of one period to that of the next.
         """
@@ -183,15 +183,15 @@ class Checker:
         self._last = acceleration, dt
         between = (dt + lasted) / 2
         allowed = 2 * self._acceleration / self.problem.average
-        # An acceleration is the difference of two twists over a period: its rounding is that of the
-        # twists.
+        # An acceleration is the difference of two twists over a period, so it has their
+        # rounding error.
         rounding = 1e-15 * self._speed / dt
         return float(np.max((np.abs(acceleration - before) - rounding) / between - allowed))
 
     def _further_out(self, name: str, before: np.ndarray, after: np.ndarray) -> float:
-        """How much further out it is than at its nearest so far: what has come in stays in.
+        """Return how much further out it is than at its nearest so far.
 
-        This holds over any number of steps.
+        What has come in must stay in, over any number of steps.
         """
         least = np.minimum(self._least_out.get(name, np.inf), np.maximum(before, 0.0))
         self._least_out[name] = np.minimum(least, np.maximum(after, 0.0))
@@ -206,7 +206,7 @@ class Checker:
         stops: bool,
         gave_way: Collection[str],
     ) -> dict[str, float]:
-        """How much further outside each row of the user's own limits is, as they say themselves."""
+        """Return how much further outside each row of the user's own limits is, by its margins."""
         found, own = {}, self.problem.own_limits
         for limit in own.limits:
             if limit.hard:
@@ -237,7 +237,7 @@ class Checker:
         return found
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
-        """How much further outside than it was; 0 inside."""
+        """Return how much further outside the posture is than it was; 0 inside."""
         points = self._boundary.model.coordinates.read(np.stack([posture, posture + rate * dt]))
         before, after = self._boundary.model.margin(points)
         return float(min(before, 0.0) - after)
@@ -258,17 +258,17 @@ class Checker:
         predicted = posture + rate * dt
         before = np.maximum(np.maximum(low - posture, posture - high), 0)
         out = np.maximum(low - predicted, predicted - high) - before
-        # Rows through S hold to the accuracy of the QP, not to the last digit.
+        # Rows that pass through S hold to the accuracy of the QP only.
         too_fast = np.abs(rate) - np.radians(self._joints.rate_deg) - _SOLVED
         seen = np.ones(len(out), dtype=bool) if observed is None else observed
         out, too_fast = out[seen], too_fast[seen & kept]
-        # Acceleration and workspace come before posture: braking may be all that they leave.
+        # Acceleration and workspace come before posture, so braking may be the only choice.
         worst = float(np.max(out, initial=0.0)), float(np.max(too_fast, initial=0.0))
         return {"joint range": worst[0], "joint rate": 0.0 if stops else worst[1]}
 
 
 def _inside(limit: Limit, point: np.ndarray) -> float | None:
-    """How deep a point (3,) is in a region to keep out of [m]; None: it is not known here."""
+    """Return how deep a point (3,) is in a region to keep out of [m]; None if not known here."""
     region = limit.region if isinstance(limit, KeepOut) and type(limit) is KeepOut else None
     match region if type(region) in (HalfSpace, Ball, Box) else None:
         case HalfSpace(normal, offset):

@@ -1,4 +1,4 @@
-"""A recording of our own, for first steps without a file: a stooped person turns a screwdriver."""
+"""A demo recording, for first steps without a file: a stooped person turns a screwdriver."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STATURE: Final = 1.72
 """Stature of the person in the recording [m]."""
 
 RATE: Final = 30.0
-"""Frames per second [Hz]."""
+"""Frame rate [Hz]."""
 
 _STANDING: Final[Mapping[str, float]] = {
     **{
@@ -76,7 +76,7 @@ _KEYS: Final[tuple[tuple[float, Mapping[str, float]], ...]] = (
     *((1.7 + 0.45 * stroke, _TURNED if stroke % 2 else _STOOPED) for stroke in range(1, 9)),
     (6.0, {**_STOOPED, "trunk_flexion": 46, "neck_flexion": 30}),
 )
-"""Times [s] and postures [deg; zero if not named] between which the person moves without jerks."""
+"""Times [s] and key postures [deg; zero if not named]; the motion between them is smooth."""
 
 
 def demo_recording(path: str | Path) -> Path:
@@ -85,10 +85,10 @@ def demo_recording(path: str | Path) -> Path:
     It shows reaching down from standing, then four strokes with a screwdriver.
 
     Args:
-        path: file to write; give it the ending ``.bvh``.
+        path: path of the file, with the ending ``.bvh``.
 
     Returns:
-        The path written.
+        The path of the file.
     """
     time = np.arange(0.0, _KEYS[-1][0] + 0.5 / RATE, 1.0 / RATE)
     postures = _minimum_jerk(time)
@@ -97,7 +97,7 @@ def demo_recording(path: str | Path) -> Path:
 
 
 def _minimum_jerk(time: np.ndarray) -> np.ndarray:
-    """Return the postures (n, 32) [rad] at the given times: from key to key, at rest in each."""
+    """Return the postures (n, 32) [rad] at given times: from key to key, at rest at each key."""
     at = np.array([moment for moment, _ in _KEYS])
     keys = np.zeros((len(_KEYS), len(JOINTS)))
     for row, (_, posture) in zip(keys, _KEYS, strict=True):
@@ -109,7 +109,7 @@ def _minimum_jerk(time: np.ndarray) -> np.ndarray:
 
 
 def _standing_still(body: Body, postures: np.ndarray) -> np.ndarray:
-    """Return the pelvis poses (n, 4, 4) with which the soles stay where they are, on the floor."""
+    """Return the pelvis poses (n, 4, 4) with which the soles stay in place on the floor."""
     kinematics = Kinematics(body)
     soles = [kinematics.function(f"{side}_sole")(ca.DM(postures.T))[0].full().T for side in SIDES]
     poses = np.tile(np.eye(4), (len(postures), 1, 1))

@@ -1,4 +1,4 @@
-"""What a simulated loop is given, as it is read."""
+"""Checks of the inputs of a simulated loop."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.loop import LONGEST
 
-_OTHERWISE_DEG = 2.0  # more than that and the start is said to be another
-_AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
+_OTHERWISE_DEG = 2.0  # a larger difference of the start from the given posture is reported
+_AT_END = np.radians(0.01)  # a start this far beyond a joint's range counts as rounding
 
 
 def check_numbers(problem: Problem, duration: float, seed: int) -> None:
-    """Check what can be checked before anything is computed.
+    """Check the numbers of a run before anything is computed.
 
     Raises:
-        InputError: for a duration or a seed that no run can have.
+        InputError: if the duration or the seed is out of range.
     """
     check_number("duration", duration, problem.dt, LONGEST, "s")
     check_whole("seed", seed, 0)
@@ -29,7 +29,7 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
     """Return a posture (32,) [rad] within the joints' ranges, and a sentence if it was not.
 
     Raises:
-        InputError: if it is not one.
+        InputError: if it is not a posture.
     """
     try:
         angles = table_of_numbers("posture", posture)
@@ -58,7 +58,7 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
 
 
 def stood_otherwise(given: np.ndarray, start: np.ndarray) -> list[str]:
-    """Return a sentence if a person does not start in the posture (32,) that was given [rad]."""
+    """Return a sentence if a person does not start in the given posture (32,) [rad]."""
     apart = np.degrees(np.abs(start - given))
     joint = int(np.argmax(apart))
     if apart[joint] <= _OTHERWISE_DEG:
@@ -82,6 +82,6 @@ def read_observed(observed: ArrayLike | None) -> np.ndarray | None:
         seen = unmasked(observed)
         if seen.shape == (len(JOINTS),) and seen.dtype == bool:
             return seen
-    except Exception:  # not an array, whatever it is
+    except Exception:  # not an array
         pass
     raise InputError(f"observed: got {shown(observed)}, allowed bool of shape ({len(JOINTS)},)")

@@ -1,4 +1,4 @@
-"""Closed loop: a stepper, a robot that moves the object as well as it can, a person who follows."""
+"""The closed loop of a stepper, a simulated robot that moves the object, and a simulated person."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONGEST = 3600.0
 
 @dataclass
 class Trace:
-    """What one loop left behind, sample by sample.
+    """Samples of one loop.
 
     See `ergoqp.simulation.run.Run` for the meaning of the fields.
     """
@@ -56,11 +56,11 @@ class Trace:
 
 
 Beside = Callable[[float, Holding], bool]
-"""Told the time [s] and the person after every period; says whether the loop ends there."""
+"""Called with the time [s] and the person after every period; returns whether the loop ends."""
 
 
 class Controller(Protocol):
-    """What says how the object moves: a `Stepper`, or who is compared with it."""
+    """Computes the twist of the object: a `Stepper`, or a controller that is compared with it."""
 
     @property
     def dt(self) -> float:
@@ -68,7 +68,7 @@ class Controller(Protocol):
         ...
 
     def reset(self) -> None:
-        """Begin a loop."""
+        """Reset the state for a new loop."""
         ...
 
     def step(
@@ -79,7 +79,7 @@ class Controller(Protocol):
         age: float,
         observed: np.ndarray | None,
     ) -> Step:
-        """Return the twist for what is measured now; see `Stepper.step`."""
+        """Return the twist for the present measurements, see `Stepper.step`."""
         ...
 
 
@@ -99,16 +99,16 @@ def run_loop(
     """Run the loop and return its trace.
 
     Args:
-        problem: the task; its model of the person is not the person's.
-        person: who follows, as they hold the object at time 0; goes on from there.
-        duration: [s].
-        seed: of noise and lost frames.
-        controller: of this problem, reset here; None: a new `Stepper`.
+        problem: the task; its model of the person differs from the person.
+        person: the person who follows and holds the object at time 0; their state is changed.
+        duration: duration [s].
+        seed: seed of noise and lost frames.
+        controller: a controller of this problem, which is reset; None: a new `Stepper`.
         observed: (32,) bool, joints that the sensors see; None: all.
-        checker: judges every step; None: nobody does.
-        stop_when_still: end early after resting for this long [s].
-        robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn
-            by the seed.
+        checker: checks every step; None: no check.
+        stop_when_still: end early after a rest of this length [s].
+        robot: the robot that moves the object; None: one with the errors that the problem
+            declares, with a gain drawn with the seed.
         beside: called after every period.
     """
     controller = controller or Stepper(problem)
@@ -160,9 +160,10 @@ def run_loop(
 def with_own_robot(
     problem: Problem, person: Person, robot: RobotKind | None, seed: int
 ) -> tuple[Problem, RobotKind | None]:
-    """Return problem and robot of a loop with a person whose simulation has a robot of its own.
+    """Return problem and robot of a loop with a person whose simulation includes its own robot.
 
-    What the problem declares stands before it: the controller is told of both, one after the other.
+    The declared robot of the problem comes before it. The controller is told of both, one
+    after the other.
 
     Args:
         problem: the task.
@@ -182,7 +183,7 @@ def with_own_robot(
 
 
 def outside_of_range(postures: np.ndarray) -> dict[str, int]:
-    """Return how many samples of each joint are beyond its range, for the joints that ever are.
+    """Return the number of samples beyond the range, for each joint that ever is beyond.
 
     The postures are (n, 32) [rad].
     """
@@ -191,7 +192,7 @@ def outside_of_range(postures: np.ndarray) -> dict[str, int]:
 
 
 def settle_time(trace: Trace, still: float = 1.0) -> float:
-    """Return when the object came to rest for good [s].
+    """Return the time at which the object came to rest for good [s].
 
     It is inf if the object was not at rest for the last `still` seconds.
     """
@@ -202,9 +203,9 @@ def settle_time(trace: Trace, still: float = 1.0) -> float:
 
 
 def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
-    """Return the share of the twist's power above a frequency [Hz].
+    """Return the share of the power of the twist above a frequency [Hz].
 
-    Each axis is relative to its speed limit; at standstill the share is 0.
+    Each axis is relative to its speed limit. At standstill the share is 0.
     """
     moving = speed > 0
     spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2

@@ -1,4 +1,4 @@
-"""The terms of a problem in words, for reports: (what, value)."""
+"""The terms of a problem in words for reports, as (what, value)."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ _ENDINGS: Final = {"_deg": "deg", "_kg": "kg"}
 _INNER: Final = (
     "tolerance",
     "yield_zone",
-)  # of every limit, in its own unit: how rows are built, not what must hold
+)  # fields of every limit, in its own unit, that only concern how rows are built
 
 
 def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
-    """Return the problem's terms and the method's options as they are written for people.
+    """Return the terms of a problem and the options of the method as text for people.
 
     Args:
         problem: the task.

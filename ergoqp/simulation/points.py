@@ -1,4 +1,4 @@
-"""Closed loops of problems whose state the robot itself carries, such as ``forearm``.
+"""Closed loops of problems whose state the robot itself moves, such as ``forearm``.
 
 There is no person, no delay and no noise.
 """
@@ -21,16 +21,16 @@ from ergoqp.step.stepper import Stepper
 
 @dataclass(frozen=True, eq=False)
 class PointsRun:
-    """What one loop left behind.
+    """Result of one loop.
 
     Attributes:
         dt: period [s].
-        states: the state before each step and after the last one (n + 1, N).
-        twists: what was sent (n, 6).
-        statuses: of each step (n,).
+        states: state before each step and after the last one (n + 1, N).
+        twists: sent twists (n, 6).
+        statuses: status of each step (n,).
         cost: V before each step (n,) [points].
-        violations: steps that broke a limit, per limit, by the independent checker.
-        max_violation: the worst of each.
+        violations: number of steps that broke a limit, per limit, by the independent checker.
+        max_violation: largest violation of each limit.
     """
 
     dt: float
@@ -50,17 +50,17 @@ def run_points(
     stepper: Stepper | None = None,
     stop_when_still: float | None = 0.5,
 ) -> PointsRun:
-    """Run the loop from a state: what is sent is what happens.
+    """Run the loop from a state. The sent twists are executed exactly.
 
     Args:
         problem: its response must be a `LinearResponse`.
         start: state at time 0 (N,).
         duration: longest time [s].
-        stepper: of this problem, reset here; None: a new one.
-        stop_when_still: end early after resting for this long [s]; None: never.
+        stepper: a stepper of this problem, which is reset; None: a new one.
+        stop_when_still: end early after a rest of this length [s]; None: never.
 
     Raises:
-        InputError: for another response, or a start of another size.
+        InputError: if the response is of another type, or the start has a wrong size.
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     if not isinstance(problem.response, LinearResponse):

@@ -1,7 +1,7 @@
-"""The task of a problem as somebody in a recording does it: their body, stance, seat and tool.
+"""The task of a problem as done by the person of a recording: their body, stance, seat and tool.
 
-A recording does not say what is in the hand. So the tool points where the hand does, and the object
-may be where the hand is: what was done there can be done there.
+A recording does not show what is in the hand. So the tool points where the hand points, and
+the workspace includes the place of the hand.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.task import TaskOptions
 
 _BEHIND: Final = 0.05
-"""Whose centre of mass is further behind both heels sits, or would fall [m]."""
+"""A person whose centre of mass is further than this behind both heels must be sitting [m]."""
 _BENT: Final = np.radians(45)
 _LEG: Final = (
     "hip_flexion",
@@ -35,27 +35,27 @@ _LEG: Final = (
     "ankle_inversion",
 )
 _UNLOCKED: Final = np.radians(5)
-"""Knees of people who stand at work are bent by so much at least [rad]."""
+"""Least knee flexion of people who stand at work [rad]."""
 _UNEVEN: Final = 0.02
-"""How far a sole may be off the floor of the other [m]."""
+"""Largest height of one sole above the floor of the other [m]."""
 _ASKEW: Final = np.radians(10)
 _ROOM: Final = 0.02
-"""Around where the hand is: who takes hold of something stands a little otherwise [m]."""
+"""Margin around the place of the hand, because the person may hold the object differently [m]."""
 
 
 def as_recorded(
     problem: Problem, recording: Recording, frame: int
 ) -> tuple[Problem, np.ndarray, list[str]]:
-    """Return the problem of the person in a frame, their posture (32,) [rad], and what is assumed.
+    """Return the problem with the person of a frame, their posture (32,) [rad], and assumptions.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        recording: of the person.
-        frame: in which they do it.
+        recording: recording of the person.
+        frame: number of the frame.
 
     Raises:
-        InputError: if they neither sit nor stand; or sit where the problem's cost is of somebody
-            who stands, or the reverse, and it is learned.
+        InputError: if the person neither sits nor stands, or if their stance is not that of
+            the problem and its cost is learned.
     """
     response, above = problem.response, seat_above_feet(recording, frame)
     assert isinstance(response, IkResponse)
@@ -101,15 +101,16 @@ def as_recorded(
 def planted(recording: Recording, frame: int) -> np.ndarray:
     """Return the posture of a frame (32,) [rad] with both soles flat on one floor.
 
-    Soles of recordings stand askew, and feet are lifted; who does the task of a problem stands on
-    both. The legs change as little as that takes, above the hips nothing does.
+    In recordings the soles are tilted and feet are lifted. A person who does the task of a
+    problem stands on both feet. The legs change as little as possible, and nothing above the
+    hips changes.
 
     Args:
-        recording: of the person.
-        frame: which.
+        recording: recording of the person.
+        frame: number of the frame.
 
     Raises:
-        InputError: if they cannot stand so, as who kneels.
+        InputError: if the person cannot stand so, for example because they kneel.
     """
     posture, kinematics = recording.postures[frame].copy(), Kinematics(recording.person)
     soles = {side: kinematics.function(f"{side}_sole") for side in SIDES}
@@ -145,13 +146,13 @@ def planted(recording: Recording, frame: int) -> np.ndarray:
 
 
 def seat_above_feet(recording: Recording, frame: int) -> float | None:
-    """Return how high the hips of somebody who sits are above the floor [m]; None: they stand.
+    """Return the height of the hips of a sitting person above the floor [m]; None if they stand.
 
-    Whoever has the knees bent and the centre of mass behind both heels would fall, unless they sit.
+    A person with bent knees and the centre of mass behind both heels would fall, so they sit.
 
     Args:
-        recording: of the person.
-        frame: which.
+        recording: recording of the person.
+        frame: number of the frame.
     """
     posture, model = recording.postures[frame], recording.person.model
     legs = [INDEX[f"{side}_{joint}"] for side in SIDES for joint in ("hip_flexion", "knee_flexion")]

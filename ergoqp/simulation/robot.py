@@ -1,6 +1,6 @@
-"""A robot that holds the object: late, not quite as fast as told, measured with an error.
+"""A simulated robot that holds the object, with delay, lag, gain error and measurement errors.
 
-It is exact between periods.
+The simulation is exact between periods.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from ergoqp.problem.way import turned
 
 _IDENTITY: Final = np.eye(3)
 _PART: Final = 0.002
-"""Longest part of a period in which a robot that lags is taken to turn about one axis [s]."""
+"""Longest part of a period in which a robot with lag turns about one axis [s]."""
 
 
 @dataclass(frozen=True)
 class RobotKind:
-    """How a robot does what it is sent: w' = (gain s(t - delay) - w) / lag.
+    """How a robot executes the sent twist s: w' = (gain s(t - delay) - w) / lag.
 
     Attributes:
-        delay: until it begins to follow a twist [s].
-        lag: time constant with which it does [s].
-        gain: how many times the sent twist it moves (dimensionless).
+        delay: time until it begins to follow a twist [s].
+        lag: time constant with which it follows [s].
+        gain: ratio of its motion to the sent twist (dimensionless).
         pose_delay: age of the measured pose and of the reported twist [s].
-        pose_noise: of a measured position, uniform, at most, per axis [m].
-        pose_noise_deg: of a measured orientation, uniform, at most, about each axis [deg].
-        speed_noise: of the reported twist, one standard deviation, as a share of it.
+        pose_noise: largest error of a measured position, uniform, per axis [m].
+        pose_noise_deg: largest error of a measured orientation, uniform, about each axis
+            [deg].
+        speed_noise: standard deviation of the reported twist, as a share of it.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import ergoqp
@@ -56,7 +57,7 @@ class RobotKind:
     speed_noise: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the values."""
         largest = {"gain": 10.0, "pose_noise": 1.0, "pose_noise_deg": 90.0, "speed_noise": 10.0}
         for entry in fields(self):
             value, most = getattr(self, entry.name), largest.get(entry.name, 10.0)
@@ -64,7 +65,7 @@ class RobotKind:
 
     @classmethod
     def of(cls, declared: DeclaredRobot, rng: np.random.Generator, share: float = 1.0) -> Self:
-        """Return a robot as declared: `share` of the delays, a gain drawn within its error."""
+        """Return a robot as declared: `share` of the delays, and a gain drawn within its error."""
         return cls(
             delay=share * declared.delay,
             lag=share * declared.lag,
@@ -76,16 +77,16 @@ class RobotKind:
 
 
 class SimulatedRobot:
-    """The object's true motion.
+    """The true motion of the object.
 
     Args:
-        kind: how the robot does what it is sent.
-        pose: of the object at the begin, at rest (4, 4) [m].
-        rng: of the noise.
+        kind: how the robot executes the sent twist.
+        pose: pose of the object at the start, at rest (4, 4) [m].
+        rng: source of the noise.
 
     Attributes:
-        pose: true, now (4, 4) [m].
-        velocity: true, now (6,) [m/s, rad/s].
+        pose: true pose now (4, 4) [m].
+        velocity: true velocity now (6,) [m/s, rad/s].
     """
 
     def __init__(self, kind: RobotKind, pose: np.ndarray, rng: np.random.Generator) -> None:
@@ -99,9 +100,9 @@ class SimulatedRobot:
         )
 
     def execute(self, twist: np.ndarray, duration: float) -> Iterator[np.ndarray]:
-        """Be sent a twist (6,) that holds for a duration [s].
+        """Execute a sent twist (6,) that holds for a duration [s].
 
-        It yields the true poses on the way, the last one at its end.
+        It yields the true poses on the way, the last one at the end.
         """
         self._coming.append((self._time + self.kind.delay, np.array(twist)))
         end = self._time + duration
@@ -131,12 +132,15 @@ class SimulatedRobot:
         self.pose = moved(self.pose, way)
 
     def see(self, pose: np.ndarray) -> None:
-        """Measure where the object truly is (4, 4) [m]: a soft robot does not decide it alone."""
+        """Set the true pose of the object (4, 4) [m] for the measurements.
+
+        With a soft robot the sent twists alone do not determine it.
+        """
         time, _, velocity = self._seen.pop()
         self._seen.append((time, pose, velocity))
 
     def measured_pose(self) -> np.ndarray:
-        """Return the pose as it is measured now (4, 4) [m]: as old as it is, with its error."""
+        """Return the pose as measured now (4, 4) [m], with its delay and its error."""
         pose = self._seen[0][1]
         if not (self.kind.pose_noise or self.kind.pose_noise_deg):
             return pose.copy()
@@ -154,6 +158,6 @@ def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     after[:3, 3] += displacement[:3]
     if displacement[3:].any():
         rotation = turned(pose[:3, :3], displacement[3:])
-        # Orthonormal again to rounding, however many periods follow.
+        # Keep it orthonormal up to rounding over any number of periods.
         after[:3, :3] = rotation @ (1.5 * _IDENTITY - 0.5 * rotation.T @ rotation)
     return after

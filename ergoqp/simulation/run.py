@@ -1,4 +1,4 @@
-"""What a closed loop leaves behind: all that happened, as arrays to be saved, drawn and judged."""
+"""The result of a closed loop: everything that happened, as arrays."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Run:
     Attributes:
         problem: name of the problem.
         title: the problem in a few words, for people.
-        body: the simulated person's body (not the controller's model of it).
+        body: body of the simulated person (not that of the controller's model).
         joints: names of the joints that the person moves to follow the object.
         dt: control period [s].
-        seed: of everything random in the run.
+        seed: seed of everything random in the run.
         time: time of each sample [s], shape (n,).
         postures: the person's true posture at each sample, shape (n, 32) [rad].
         base_poses: pelvis in the world, shape (n, 4, 4) [m].
@@ -39,31 +39,34 @@ class Run:
         reba: exact score of the true posture, shape (n,) [points].
         cost: smooth cost of the measured posture, shape (n,) [points].
         statuses: status of each step.
-        reasons: its sentence, empty when there is nothing to say.
+        reasons: sentence of each step, empty if there is nothing to report.
         active: names of the limits that held the object back at each step.
         step_time: duration of each step's own call [s], see `Step.solve_time`, shape (n,).
         assessment: exact assessment of the first and the last posture (two rows).
         violations: number of steps that broke a limit, per limit, by the independent checker.
-        max_violation: the worst of each, in the limit's unit.
+        max_violation: largest violation of each limit, in its unit.
         units: unit of each limit.
-        person_outside: the simulated person's own joints beyond their range: samples per joint.
-        let_go: time at which the person could not reach any more [s], None if never.
-        options: the problem's terms and the method's options, for the report: (what, value).
-        assumptions: sentences on everything that was taken as given.
+        person_outside: number of samples in which a joint of the simulated person was beyond
+            its range, per joint.
+        let_go: time at which the person could not reach the object any more [s], None if
+            never.
+        options: terms of the problem and options of the method, for the report: (what, value).
+        assumptions: sentences on everything that was assumed.
         recording: name of the recording that the run started from, None if none.
-        start_time: moment of the recording that the run started from [s], None if none.
+        start_time: time in the recording at which the run started [s], None if none.
         unobserved: joints that the controller could not see.
-        reba_standing_still: exact score at which the person would come to rest had the object
-            stayed where it was: what the robot is to be compared with.
-        settle: when the object came to rest for good [s], None if it was still moving at the end.
-        guide: the place that the control step was given to be drawn to, None without one.
-        tries: what a loop that tries places tried, and what it measured there.
+        reba_standing_still: exact score of the person's rest if the object had stayed where it
+            was, for comparison with the robot.
+        settle: time at which the object came to rest for good [s], None if it was still moving
+            at the end.
+        guide: the place that guided the control step, None without one.
+        tries: the places that a loop with `seek` tried, and the scores that it measured there.
         follower: kind of the person, one of `ergoqp.simulation.people.KINDS`.
-        forces: of the object on the hands, at the contact frame, world-aligned, shape (n, 6) [N,
-            N m]; not finite for people without mass.
-        slips: how often a hand slipped on the object.
-        fell: when the person fell [s], None if never.
-        unbalanced: share of the time with the centre of mass outside what carries the person.
+        forces: forces of the object on the hands, at the contact frame, world-aligned, shape
+            (n, 6) [N, N m]; not finite for people without mass.
+        slips: number of times that a hand slipped on the object.
+        fell: time at which the person fell [s], None if never.
+        unbalanced: share of the time with the centre of mass outside the base of support.
 
     Example:
         >>> import ergoqp
@@ -115,12 +118,12 @@ class Run:
     unbalanced: float = 0.0
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``run.json``, what the run comes down to, and ``run.npz``, every array of it.
+        """Write ``run.json``, the summary of the run, and ``run.npz``, all its arrays.
 
         The files are described in ``docs/run_json.md``.
 
         Args:
-            folder: where to; it is made if it is not there.
+            folder: folder of the files; it is created if needed.
 
         Returns:
             The path of ``run.json``.
@@ -138,9 +141,9 @@ class Run:
 
 
 def summary_of_run(run: Run) -> dict[str, Any]:
-    """Return what ``run.json`` holds: plain numbers, texts, lists and dicts.
+    """Return the contents of ``run.json``: numbers, texts, lists and dicts.
 
-    What is not known or not finite is None.
+    Values that are unknown or not finite are None.
     """
     before, after = (
         {name: int(scores[row]) for name, scores in run.assessment.segments.items()}
@@ -190,9 +193,9 @@ def summary_of_run(run: Run) -> dict[str, Any]:
 
 
 def arrays_of(run: Run) -> dict[str, np.ndarray]:
-    """Return what ``run.npz`` holds.
+    """Return the contents of ``run.npz``.
 
-    Texts are arrays of fixed-width strings, so that nothing needs pickle.
+    Texts are arrays of fixed-width strings, so that no pickle is needed.
     """
     names = sorted({name for active in run.active for name in active})
     return {
@@ -216,7 +219,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
 
 
 def _forces(wrenches: np.ndarray) -> dict[str, float] | None:
-    """Return how hard the hands are pressed, None for people without mass."""
+    """Return the size of the forces on the hands; None for people without mass."""
     forces = np.linalg.norm(wrenches[:, :3], axis=1)
     forces = forces[np.isfinite(forces)]
     if not forces.size:
@@ -244,7 +247,7 @@ def _try(tried: Try) -> dict[str, Any]:
 
 
 def _seconds(value: float | None) -> float | None:
-    """A moment without the rounding that multiples of the period have."""
+    """Return a time without the rounding errors of multiples of the period."""
     return None if value is None else round(float(value), 9)
 
 

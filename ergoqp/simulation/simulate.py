@@ -1,4 +1,4 @@
-"""A whole closed loop: a problem, a person who starts somewhere, all that a `Run` says about it."""
+"""A complete closed loop: a problem and a simulated person; the result is a `Run`."""
 
 from __future__ import annotations
 
@@ -52,37 +52,39 @@ def simulate(
     robot: RobotKind | None = None,
     senses: Senses | None = None,
 ) -> Run:
-    """Close the loop of a problem with a simulated person built unlike the controller's model.
+    """Run a closed loop of a problem with a simulated person unlike the controller's model.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        posture: in which the person starts, holding the object (32,) [rad]; or a person who holds
-            it already, who is left as they are.
-        duration: of the loop [s].
-        seed: of the person, of noise and of lost frames.
+        posture: posture in which the person starts, holding the object (32,) [rad]; or a
+            person who holds it already. The latter is not changed.
+        duration: duration of the loop [s].
+        seed: seed of the person, of noise and of lost frames.
         person: who follows, or their body; None: drawn with the seed.
-        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`; None:
-            ``"alike"``.
-        observed: (32,) bool, False for joints that the controller does not see; None: all are seen.
-        recording: name of the recording that the posture comes from, for the report.
-        start_time: when it was taken there [s].
-        assumptions: sentences on what was taken as given before, for the report.
-        progress: called now and then with the share that is done.
-        guide: a place that the control step is drawn to where descent alone comes to rest at a
-            worse one: the optimum of `ergoqp.optimise` or a pose (4, 4), see
-            `ergoqp.step.guide.place.read_guide`; None: descent alone.
-        seek: places that the loop tries after descent, keeping what scores lowest as measured: see
-            `ergoqp.Seeker`; None: none is tried. Without a guide then.
-        robot: how the robot really does what it is sent; None: as badly as the problem declares it,
-            or, where it declares nothing, as the person's simulation has it.
-        senses: what lies between person and controller, constant errors of angles too; None: as
-            the person's are.
+        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`;
+            None: ``"alike"``.
+        observed: (32,) bool, False for joints that the controller does not see; None: all are
+            seen.
+        recording: name of the recording of the posture, for the report.
+        start_time: time of the posture in the recording [s].
+        assumptions: sentences on earlier assumptions, for the report.
+        progress: called from time to time with the share that is done.
+        guide: a better place, to which the object travels where descent comes to rest: the
+            optimum of `ergoqp.optimise` or a pose (4, 4), see
+            `ergoqp.step.guide.place.read_guide`; None: descent only.
+        seek: places that the loop tries after descent; it keeps the one with the lowest
+            measured score, see `ergoqp.Seeker`; None: no places are tried. It cannot be
+            combined with a guide.
+        robot: how the robot executes the sent twist; None: with the errors that the problem
+            declares, or, without a declaration, as in the simulation of the person.
+        senses: sensors between person and controller, including constant errors of angles;
+            None: those of the person.
 
     Returns:
-        Everything that happened, judged by the independent checker.
+        Everything that happened, checked by the independent checker.
 
     Raises:
-        InputError: if an argument is not usable, naming it.
+        InputError: if an argument is not usable; the message names it.
 
     Example:
         >>> import ergoqp
@@ -206,7 +208,7 @@ def simulate(
 
 
 class _Watched(Checker):
-    """The checker sees every step, so it is what can say how far the loop is."""
+    """A checker that also reports progress, because it is called at every step."""
 
     def __init__(self, problem: Problem, progress: Progress | None, steps: int) -> None:
         super().__init__(problem)
@@ -214,7 +216,7 @@ class _Watched(Checker):
         self._every = max(1, steps // 100)
 
     def check(self, *args: Any, **kwargs: Any) -> list[str]:
-        """Judge one step, and say how far the loop is."""
+        """Check one step, and report the progress of the loop."""
         self._done += 1
         if self._progress is not None and self._done % self._every == 0:
             self._progress(self._done / self._steps)

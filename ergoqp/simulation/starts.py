@@ -1,4 +1,4 @@
-"""Where a run starts when nobody says: at an awkward place that the person reaches.
+"""The start of a run that is not given: an awkward place of the object that the person reaches.
 
 It is found in a fraction of a second.
 """
@@ -16,14 +16,14 @@ from ergoqp.simulation.best_place import TURNS, tilted_frames
 from ergoqp.simulation.people.person import Person
 
 PLACES = 40
-"""How many places are tried."""
+"""Number of places that are tried."""
 
 _EDGE = 0.02
-"""Distance kept from the workspace's ends [m]: the hand comes to rest a little off the object."""
+"""Distance from the ends of the workspace [m], because the hand rests slightly off the object."""
 
 
 def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLACES) -> np.ndarray:
-    """Return the worst-scored rest posture (32,) [rad] of `awkward_place`.
+    """Return the rest posture (32,) [rad] with the highest score, see `awkward_place`.
 
     Example:
         >>> import ergoqp
@@ -40,17 +40,19 @@ def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLA
 def awkward_place(
     problem: Problem, person: Person, seed: int, places: int = PLACES
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the random object place (4, 4) at which a person rests worst, and how: (32,) [rad].
+    """Return a random place (4, 4) with a high score, and the rest posture there (32,) [rad].
+
+    Of all places that are tried, it is the one where the rest posture scores highest.
 
     Args:
-        problem: its workspace and tool axis say where the object can be.
+        problem: its workspace and tool axis define where the object can be.
         person: who follows.
-        seed: of the places.
-        places: how many to try.
+        seed: seed of the places.
+        places: number of places to try.
 
     Raises:
-        InputError: if the problem has no workspace or no tool axis, or none of the places is one
-            that the person reaches and the limits allow.
+        InputError: if the problem has no workspace or no tool axis, or no place is one that
+            the person reaches and the limits allow.
     """
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     if box is None or cone is None:

@@ -1,9 +1,10 @@
-"""The best that there is for a person and a start: the yardstick for whoever moves the object.
+"""The yardstick of closed loops: the best place that exists for a person and a start.
 
-A place counts that the object is carried to straight from the start, with the person's own rest
-there, undisturbed, and its exact score. Places are spread evenly over the workspace; the best of
-them are then searched around, by the person's own rests; places that others know may be added. No
-controller has a part in it, so that it can be kept before any is looked at.
+A place counts if the object is carried to it straight from the start. Its score is the exact
+score of the person's own undisturbed rest there. Places are spread evenly over the workspace.
+Then the neighbourhoods of the best are searched, by the person's own rests. Known places from
+elsewhere may be added. No controller is involved, so the yardstick can be computed before any
+controller runs.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ergoqp.problem.workspace import Workspace
 from ergoqp.simulation.people.person import Holding
 
 NOISE_DEG = 2.0
-"""Among places of one exact score the one is searched around whose score is the surest [deg]."""
+"""Width of the smooth score that ranks places with equal exact scores [deg]."""
 
 _STEPS = (0.25, 0.12, 0.06)
 """Steps of the search, as shares of the workspace and of the cone."""
@@ -28,13 +29,13 @@ _STEPS = (0.25, 0.12, 0.06)
 
 @dataclass(frozen=True)
 class Place:
-    """Where the object was carried to, and how the person rests there.
+    """A place that the object was carried to, and how the person rests there.
 
     Attributes:
-        pose: of the object (4, 4) [m].
-        score: exact score of the person's rest, 0 where it is not reached.
-        value: its smooth score at `NOISE_DEG`; infinite where it is not reached.
-        posture: at rest (32,) [rad].
+        pose: pose of the object (4, 4) [m].
+        score: exact score of the person's rest, 0 if the place is not reached.
+        value: smooth score of the rest at `NOISE_DEG`; infinite if the place is not reached.
+        posture: posture at rest (32,) [rad].
     """
 
     pose: np.ndarray
@@ -44,7 +45,7 @@ class Place:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What is lower is better."""
+        """Sort key of the place; lower is better."""
         return (self.score or np.inf, self.value)
 
 
@@ -52,7 +53,7 @@ class Judge:
     """Scores places for one problem.
 
     Args:
-        problem: whose sheet and limits hold.
+        problem: the problem with the sheet and the limits.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -65,7 +66,7 @@ class Judge:
         return int(self.problem.assess(posture).final[0])
 
     def carried(self, start: Holding, pose: np.ndarray) -> Place:
-        """Return what becomes of a person when the object is carried straight to a pose (4, 4)."""
+        """Return the result of carrying the object straight to a pose (4, 4)."""
         person = start.copy()
         reached = person.carry(pose)
         posture = person.posture
@@ -82,15 +83,15 @@ class Judge:
         around: int = 3,
         enough: int | None = None,
     ) -> list[Place]:
-        """Return all places that were looked at from a start, the best first.
+        """Return all places that were tried from a start, the best first.
 
         Args:
-            start: of every straight way.
-            known: poses (4, 4) to look at as well.
-            places: how many are spread over the workspace.
-            around: how many of the best are searched around.
-            enough: nothing more is looked for at this score; None: at that of standing at ease
-                with the arms hanging, which no work is below.
+            start: start of all straight paths.
+            known: further poses (4, 4) to try.
+            places: number of places that are spread over the workspace.
+            around: number of the best places whose neighbourhoods are searched.
+            enough: score at which the search ends; None: that of standing at ease with hanging
+                arms, the lowest for any work.
         """
         if enough is None:
             enough = self.score(np.zeros(len(JOINTS)))
@@ -114,7 +115,7 @@ class Judge:
     def _searched(
         self, start: Holding, point: np.ndarray, place: Place, enough: int
     ) -> Sequence[Place]:
-        """Return the places looked at around one, going on from the best so far."""
+        """Return the places that were tried around one place, continuing from the best so far."""
         looked: list[Place] = []
         for step in _STEPS:
             for axis in np.flatnonzero(self.workspace.moves):

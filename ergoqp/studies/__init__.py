@@ -1,1 +1,1 @@
-"""The EPFL report's forearm and its learned policy."""
+"""Studies of the EPFL report: the forearm, and the learned policy."""

@@ -2,10 +2,11 @@
 
 The same is done for the full control step.
 
-Algorithm 1 of the report trains theta on random postures by theta <- theta - rate e Phi', with e =
-theta Phi(q) - x_dot_desired (eq. 3.4-3.8). It stops at the first step that is small, which a
-posture that happens to be predicted well makes at any time; here the means of theta over two long
-runs of steps must agree. What it approaches is a least-squares fit, which `solve` gives in one go.
+Algorithm 1 of the report trains theta on random postures by theta <- theta - rate e Phi', with
+e = theta Phi(q) - x_dot_desired (eq. 3.4-3.8). The report stops at the first small step, but a
+single posture that is predicted well gives a small step at any time. Here the means of theta
+over two long runs of steps must agree. The training approaches a least-squares fit, which
+`solve` computes directly.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ergoqp.step.stepper import Stepper
 Array = NDArray[np.float64]
 
 MOST_RUNS: Final = 2000
-"""Runs of steps after which training ends without agreement."""
+"""Largest number of runs of steps; training then ends without convergence."""
 
 
 class Features(Protocol):
@@ -46,8 +47,8 @@ class RadialFeatures:
 
     Attributes:
         centres: (M, d) [rad].
-        width: of all bumps, above 0 [rad].
-        constant: one more feature, which is 1 everywhere.
+        width: width of all bumps, above 0 [rad].
+        constant: add one more feature, which is 1 everywhere.
     """
 
     centres: Array
@@ -58,7 +59,8 @@ class RadialFeatures:
         """Check the numbers.
 
         Raises:
-            InputError: for centres that are no table of numbers, or a width that is not positive.
+            InputError: if the centres are not a table of numbers, or the width is not
+                positive.
         """
         centres = np.asarray(self.centres, dtype=float)
         if centres.ndim != 2 or not centres.size or not np.isfinite(centres).all():
@@ -71,10 +73,10 @@ class RadialFeatures:
 
     @classmethod
     def evenly(cls, low: float, high: float, count: int) -> RadialFeatures:
-        """Return bumps of one coordinate, evenly from low to high, as wide as their distance.
+        """Return evenly spaced bumps of one coordinate from low to high, as wide as their spacing.
 
         Raises:
-            InputError: for fewer than two, or an empty range.
+            InputError: if there are fewer than two, or the range is empty.
         """
         if count < 2 or not low < high:
             raise InputError(
@@ -92,11 +94,11 @@ class RadialFeatures:
         Args:
             postures: sample (n, d) [rad].
             count: number of bumps, at most n.
-            seed: of the choice.
-            width: of the bumps [rad]; None: the median distance of two centres.
+            seed: seed of the choice.
+            width: width of the bumps [rad]; None: the median distance of two centres.
 
         Raises:
-            InputError: for too few postures.
+            InputError: if there are too few postures.
         """
         sample = np.atleast_2d(np.asarray(postures, dtype=float))
         if not 2 <= count <= len(sample):
@@ -105,8 +107,7 @@ class RadialFeatures:
             )
         centres = sample[np.random.default_rng(seed).choice(len(sample), count, replace=False)]
         if width is None:
-            # A few hundred pairs say the median well enough; all pairs of many centres would need
-            # their square in memory.
+            # The pairs of a few hundred centres are enough. All pairs need much memory.
             some = centres[:300]
             distances = np.sqrt(_squared_distances(some, some))
             width = float(np.median(distances[np.triu_indices(len(some), 1)]))
@@ -131,7 +132,7 @@ class Policy:
 
     Attributes:
         theta: (P, M).
-        features: Phi.
+        features: the features Phi.
     """
 
     theta: Array
@@ -148,14 +149,14 @@ class Policy:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """What algorithm 1 came to.
+    """Result of algorithm 1.
 
     Attributes:
-        policy: with the mean theta of the last run of steps, which the noise of single steps hardly
-            moves.
+        policy: policy with the mean theta of the last run of steps, which the noise of single
+            steps hardly affects.
         changes: largest change of an entry of that mean from run to run.
         converged: the last change was below the threshold.
-        steps: taken in all.
+        steps: total number of steps.
     """
 
     policy: Policy
@@ -178,22 +179,23 @@ def train(
     """Train a policy by algorithm 1 of the EPFL report, from theta = 0.
 
     Args:
-        features: Phi.
-        sample: returns so many random postures (n, d) from a generator.
-        desired: returns the velocities (n, P) wanted at postures (n, d), for example -eps dV/dq
-            dq/dx (eq. 3.3).
-        rate: lambda of eq. 3.5; rate |Phi|^2 must stay below 2, or single steps overshoot.
-        threshold: largest change of an entry of theta between the means of two runs that still
-            counts as none.
-        run: steps of a run.
-        most_runs: runs after which it ends in any case.
-        seed: of the postures.
+        features: the features Phi.
+        sample: returns a number of random postures (n, d) from a generator.
+        desired: returns the desired velocities (n, P) at postures (n, d), for example -eps
+            dV/dq dq/dx (eq. 3.3).
+        rate: lambda of eq. 3.5; rate |Phi|^2 must stay below 2, otherwise single steps
+            overshoot.
+        threshold: largest change of an entry of theta between the means of two runs at which
+            training has converged.
+        run: number of steps of a run.
+        most_runs: largest number of runs.
+        seed: seed of the postures.
 
     Returns:
         The policy, and whether it converged.
 
     Raises:
-        InputError: for a rate that overshoots, or numbers that are not positive.
+        InputError: if the rate overshoots, or a number is not positive.
     """
     if not (rate > 0 and threshold > 0 and run >= 1 and most_runs >= 2):
         got = f"rate {rate!r}, threshold {threshold!r}, run {run!r}, most_runs {most_runs!r}"
@@ -230,25 +232,26 @@ def train(
 def solve(
     features: Features, postures: ArrayLike, wanted: ArrayLike, ridge: float = 1e-6
 ) -> Policy:
-    """Return the policy that fits wanted velocities best.
+    """Return the policy that fits desired velocities best.
 
-    It is what algorithm 1 approaches, in closed form.
+    It is the result that algorithm 1 approaches, in closed form.
 
     Args:
-        features: Phi.
+        features: the features Phi.
         postures: (n, d).
-        wanted: velocities (n, P).
-        ridge: weight of |theta|^2 beside the mean squared error.
+        wanted: desired velocities (n, P).
+        ridge: weight of |theta|^2 relative to the mean squared error.
 
     Raises:
-        InputError: if the rows do not fit together, or a ridge that is negative.
+        InputError: if the rows do not fit together, or the ridge is negative.
     """
     phi, targets = features(postures), np.asarray(wanted, dtype=float)
     if targets.ndim != 2 or len(targets) != len(phi):
         raise InputError(f"wanted: got shape {targets.shape}, allowed ({len(phi)}, P)")
     if not 0 <= ridge < np.inf:
         raise InputError(f"ridge: got {ridge!r}, allowed a number of at least 0")
-    # As one tall least-squares problem: the normal equations would square the condition number.
+    # Solve one tall least-squares problem. The normal equations would square the condition
+    # number.
     weight = np.sqrt(ridge * len(phi))
     tall = np.concatenate([phi, weight * np.eye(phi.shape[1])])
     right = np.concatenate([targets, np.zeros((phi.shape[1], targets.shape[1]))])
@@ -256,20 +259,20 @@ def solve(
 
 
 def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array:
-    """Return the twist (n, 6) that the control step plans at postures (n, 32) held still.
+    """Return the twist (n, 6) that the control step plans at postures (n, 32) that are held still.
 
-    Each posture starts from standstill with a stepper of its own state. One period of acceleration
-    is limited axis by axis and says little about the direction; after some periods the twist is the
-    one that the step wants there.
+    Each posture starts from standstill with a reset stepper. After one period the acceleration
+    limits of the axes determine the direction. After some periods the twist is the one that
+    the step wants there.
 
     Args:
         problem: the task.
         postures: (n, 32) [rad].
-        periods: control periods for which each posture is held; below the time after which the step
-            comes to rest.
+        periods: number of control periods for which each posture is held; they must end before
+            the step comes to rest.
 
     Raises:
-        InputError: for less than one period.
+        InputError: if it is less than one period.
     """
     if periods < 1:
         raise InputError(f"periods: got {periods!r}, allowed 1 or more")
@@ -280,8 +283,8 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
         step = stepper.step(posture)
         pose = step.pose
         for _ in range(periods - 1):
-            # Object and person are held where they are, though the object moves: it is taken over
-            # again and again.
+            # Object and person are held in place although the object has a twist: the stepper
+            # is reset to this twist in every period.
             stepper.reset(step.twist)
             step = stepper.step(posture, pose)
         twists.append(step.twist)
@@ -289,11 +292,11 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
 
 
 def unit_twists(problem: Problem, twists: Array) -> Array:
-    """Return the directions (n, 6) of twists (n, 6), each axis in units of the largest speed.
+    """Return the directions (n, 6) of twists (n, 6), each axis in units of its largest speed.
 
     Zero stays zero.
 
-    An axis that the object cannot move stays zero too.
+    An axis along which the object cannot move is zero too.
     """
     speed = problem.twist_limit.speed
     scaled = np.divide(twists, speed, out=np.zeros_like(twists), where=speed > 0)
@@ -302,7 +305,7 @@ def unit_twists(problem: Problem, twists: Array) -> Array:
 
 
 def angles_deg(first: Array, second: Array) -> Array:
-    """Return the angles (n,) between the rows of two tables (n, P) [deg]; NaN where one is zero."""
+    """Return the angles (n,) between the rows of two tables (n, P) [deg]; NaN if one is zero."""
     lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
     products = np.einsum("ij,ij->i", first, second)
     cosines = np.divide(products, lengths, out=np.full(len(lengths), np.nan), where=lengths > 0)

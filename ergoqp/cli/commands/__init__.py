@@ -1,4 +1,4 @@
-"""What the commands do; `ergoqp.cli.main` says which there are.
+"""The implementations of the commands; `ergoqp.cli.main` defines which there are.
 
-They are imported when they run, so that ``--help`` is quick.
+They are imported when they run, so that ``--help`` is fast.
 """

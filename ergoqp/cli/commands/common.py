@@ -1,4 +1,4 @@
-"""What the commands share: where results go, and recordings as options describe them."""
+"""Parts that the commands share: the folder of results, and the options of recordings."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from ergoqp.recordings import Recording, load_recording
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """How a recording is to be read, as on the command line.
+    """How to read a recording, as given on the command line.
 
     Attributes:
         person: stature [m] or path of a person file, None to measure the recording.
         unit_to_m: size of the file's unit of length [m].
-        up: the file's vertical axis.
-        mapping: path of a naming of joints.
-        neutral: when the person stands straight, as written.
-        window: seconds to read, as written.
-        subject: whose posture, by the prefix of the names.
-        thing: the object that is held.
-        columns: names of the points of a table without names, parted by commas.
-        rate: frames per second of a file without times [Hz].
+        up: vertical axis of the file.
+        mapping: path of a file that names joints.
+        neutral: when the person stands straight, as text.
+        window: seconds to read, as text.
+        subject: the person to read, by the prefix of the names.
+        thing: the held object.
+        columns: names of the points of a table without names, separated by commas.
+        rate: frame rate of a file without times [Hz].
     """
 
     person: str | None
@@ -58,7 +58,7 @@ class RecordingOptions:
         """First and last time [s].
 
         Raises:
-            InputError: if it is not written as two times.
+            InputError: if the text is not two times.
         """
         if self.window is None:
             return None
@@ -75,7 +75,7 @@ class RecordingOptions:
 
     @property
     def columns_value(self) -> tuple[str, ...]:
-        """The names of a table's points."""
+        """The names of the points of a table."""
         return tuple(name.strip() for name in self.columns.split(",")) if self.columns else ()
 
     def load(self, path: Path, progress: Callable[[float], None] | None = None) -> Recording:
@@ -83,10 +83,10 @@ class RecordingOptions:
 
         Args:
             path: the recording.
-            progress: told the share that is done.
+            progress: called with the share that is done.
 
         Raises:
-            ErgoqpError: if it cannot be read that way.
+            ErgoqpError: if it cannot be read with these options.
         """
         neutral = self.neutral
         return load_recording(
@@ -105,10 +105,10 @@ class RecordingOptions:
         )
 
     def refuse_without_recording(self) -> None:
-        """Raise for options that only a recording can use.
+        """Raise an error for options that need a recording.
 
         Raises:
-            InputError: naming the option.
+            InputError: if one is given; the message names it.
         """
         given = {
             "--unit-to-m": self.unit_to_m,
@@ -139,14 +139,14 @@ def _number_or_path(text: str | None) -> float | Path | None:
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How `ergoqp.placing.optimise.optimise` is to look for a place, as on the command line.
+    """How `ergoqp.placing.optimise.optimise` searches for a place, as given on the command line.
 
     Attributes:
-        starts: how many.
-        jobs: processes to use.
-        seed: of the starts.
+        starts: number of starts.
+        jobs: number of processes.
+        seed: seed of the starts.
         mode: who chooses the posture.
-        solver: the nonlinear solver's name.
+        solver: name of the nonlinear solver.
         scheduler: address of a Dask scheduler, None for this machine.
     """
 
@@ -158,10 +158,10 @@ class SearchOptions:
     scheduler: str | None
 
     def check(self) -> None:
-        """Raise for what cannot be used, before anything is read or written.
+        """Check the options, before anything is read or written.
 
         Raises:
-            InputError: naming the option.
+            InputError: if one cannot be used; the message names it.
         """
         check_names(self.mode, self.solver)
         for name, value, least in (
@@ -173,16 +173,16 @@ class SearchOptions:
 
 
 def counted(count: int, one: str, many: str) -> str:
-    """Return a number with its word, such as ``1 start`` or ``2 starts``."""
+    """Return a number with its noun, such as ``1 start`` or ``2 starts``."""
     return f"{count} {one if count == 1 else many}"
 
 
 def load_person_problem(name: str) -> Problem:
-    """Return a problem whose state is a person's posture.
+    """Return a problem whose state is the posture of a person.
 
     Raises:
-        ProblemError: if there is no such problem, or its file is not one.
-        InputError: if it is of something else.
+        ProblemError: if the problem does not exist, or its file is not one.
+        InputError: if its state is something else.
     """
     if name not in problem_names() and Path(name).name == name and Path(name).suffix != ".toml":
         of_people = [known for known in problem_names() if _is_of_a_person(load_problem(known))]
@@ -201,12 +201,12 @@ def _is_of_a_person(problem: Problem) -> bool:
 
 
 def make_folder(out: Path | None, name: str) -> Path:
-    """Return the folder for results, made if it is not there.
+    """Return the folder for results, and create it if needed.
 
     By default it is ``ergoqp-out/<name>`` in the current directory.
 
     Raises:
-        InputError: if it cannot be one.
+        InputError: if it cannot be created.
     """
     folder = Path("ergoqp-out") / name if out is None else out
     with writing(folder):
@@ -216,7 +216,7 @@ def make_folder(out: Path | None, name: str) -> Path:
 
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Turn what keeps files from being written into a sentence.
+    """Turn an error while writing files into a message of one sentence.
 
     Raises:
         InputError: naming the file and the cause.
@@ -232,12 +232,12 @@ def writing(folder: Path) -> Iterator[None]:
 def write_report(
     out: Console, folder: Path, files: Sequence[str], write: Callable[[Path], None]
 ) -> None:
-    """Write ``report.html``, or say which extra it needs; then say where everything is.
+    """Write ``report.html``, or print which extra it needs. Then print where all files are.
 
     Args:
-        out: where to say it.
-        folder: of the results.
-        files: that the command has written there already.
+        out: console for the messages.
+        folder: folder of the results.
+        files: files that the command has already written there.
         write: writes the page to a path.
     """
     page = folder / "report.html"
@@ -245,7 +245,7 @@ def write_report(
         with working("report"), writing(folder):
             write(page)
     except MissingExtraError as missing:
-        # An older page would be taken for this run's.
+        # An older page could be mistaken for that of this run.
         page.unlink(missing_ok=True)
         Console(stderr=True).print(Text(f"report.html was not written: {missing}"), soft_wrap=True)
     for name in (*files, *([page.name] if page.is_file() else [])):

@@ -1,4 +1,4 @@
-"""``ergoqp compare``: QP solvers on the QPs of a problem's own control steps."""
+"""``ergoqp compare``: QP solvers on the QPs of a problem's control steps."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def run_compare(
     """Record, solve, print the tables; write ``compare.json``, ``compare.png`` and the sequences.
 
     Args:
-        problem_name: a name or a path.
-        solvers: names, separated by commas; None: all that are installed.
-        steps: control steps to record.
-        seed: of the closed loops.
-        accuracy: that the solvers are set to.
-        out: folder.
+        problem_name: name or path of the problem.
+        solvers: names separated by commas; None: all that are installed.
+        steps: number of control steps to record.
+        seed: seed of the closed loops.
+        accuracy: accuracy that the solvers are set to.
+        out: folder of the results.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     names = (
         None if solvers is None else [name.strip() for name in solvers.split(",") if name.strip()]
@@ -158,7 +158,7 @@ def _accuracy(value: float) -> str:
 
 
 def _share(value: float) -> str:
-    # 99.98 % is not all.
+    # 99.98 % must not be shown as 100 %.
     return "100 %" if value == 1 else f"{min(100 * value, 99.9):.1f} %"
 
 

@@ -20,10 +20,10 @@ from ergoqp.simulation.starts import awkward_start
 
 
 def export(problem_name: str, out: Path, dt: float | None, guide: str | None = None) -> None:
-    """Write the folder and say what to do with it.
+    """Write the folder and print what to do with it.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used, or there is no C compiler.
+        ErgoqpError: if an argument cannot be used, or there is no C compiler.
     """
     problem = load_problem(problem_name)
     if dt is not None:
@@ -44,7 +44,7 @@ def export(problem_name: str, out: Path, dt: float | None, guide: str | None = N
 
 
 def _awkward(problem: Problem) -> np.ndarray | None:
-    """Return an awkward posture for the example, where the problem says where the object may be."""
+    """Return an awkward posture for the example, if the problem defines where the object may be."""
     if not isinstance(problem.response, IkResponse):
         return None
     try:

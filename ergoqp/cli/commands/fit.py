@@ -1,4 +1,4 @@
-"""``ergoqp fit``: learn a cost from data, say how good it is on unseen data, and keep it."""
+"""``ergoqp fit``: learn a cost from data, test it on unseen data, and save it."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from ergoqp.progress import part_of
 from ergoqp.report.charts.boxes import prediction_picture
 
 FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
-"""Kinds of costs that the command can fit; `from_sklearn` is for estimators fitted elsewhere."""
+"""Kinds of costs that the command can fit. `from_sklearn` is for estimators fitted elsewhere."""
 
 DATA: Final = ("sheet", "interval", "forearm")
-"""Data sets that the command draws itself."""
+"""Data sets that the command creates itself."""
 
 _OWN: Final = ("quadratic", "neural")
-"""Kinds whose fit is the package's own, and needs nothing else."""
+"""Kinds with a fit that is part of the package and needs nothing else."""
 
 _GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
 
@@ -53,18 +53,18 @@ def fit(
     """Fit a cost, print one table, and write the model and a picture.
 
     Args:
-        kind: of cost, one of `FITTED`.
+        kind: kind of cost, one of `FITTED`.
         source: one of `DATA`, or the path of a CSV file.
-        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the 22
-            that the sheet reads.
+        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the
+            22 joints that the sheet reads.
         per_score: postures per score, for data that are drawn.
-        seed: of data, folds and fit.
-        folds: of the cross-validation.
-        settings: ``name=value`` of the fit's own options.
-        out: folder.
+        seed: seed of data, folds and fit.
+        folds: number of folds of the cross-validation.
+        settings: ``name=value`` of the options of the fit.
+        out: folder of the results.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     if kind not in FITTED:
         raise InputError(f"cost: got {kind!r}, allowed {', '.join(FITTED)}")
@@ -123,10 +123,10 @@ def fit(
 
 
 def check_extra(*modules: str) -> None:
-    """Raise at once, and not after minutes of work, where the extra ``learn`` is missing.
+    """Raise an error at once, not after minutes of work, if the extra ``learn`` is missing.
 
     Args:
-        modules: that are needed.
+        modules: modules that are needed.
 
     Raises:
         MissingExtraError: if one is not installed.
@@ -149,7 +149,7 @@ def load_data(
     """Return the data set of a name or a file.
 
     Raises:
-        ErgoqpError: if there is none.
+        ErgoqpError: if there is none, or an option cannot be used.
     """
     check_whole("--per-score", per_score, 1, MOST_PER_SCORE)
     check_whole("--folds", folds, 2)
@@ -176,8 +176,7 @@ def read_settings(make: Callable[..., Any], settings: Sequence[str]) -> dict[str
     """Return the options of a fit from texts ``name=value``.
 
     Raises:
-        InputError: for a name that the fit does not have, or a value that is no number, word or
-            list of numbers.
+        InputError: if the fit has no such option, or a text is not ``NAME=VALUE``.
     """
     allowed = [name for name in inspect.signature(make).parameters if name not in _GIVEN]
     options: dict[str, Any] = {}

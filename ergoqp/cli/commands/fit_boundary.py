@@ -1,4 +1,4 @@
-"""``ergoqp fit boundary``: the region where there were data, as a limit for problem files."""
+"""``ergoqp fit boundary``: the region of the data, as a limit for problem files."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def fit_boundary(
         source: as for `ergoqp.cli.commands.fit.fit`.
         joints: likewise.
         per_score: likewise.
-        seed: of data and folds.
-        folds: of the cross-validation, at least 2.
+        seed: seed of data and folds.
+        folds: number of folds of the cross-validation, at least 2.
         settings: ``name=value`` of `OneClass.fit`.
-        out: folder.
+        out: folder of the results.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     check_extra("sklearn")
     options = read_settings(OneClass.fit, settings)

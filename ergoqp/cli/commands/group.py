@@ -1,4 +1,4 @@
-"""``ergoqp group``: the best fixed place for several people, and what each pays."""
+"""``ergoqp group``: the best fixed place for several people, and what each one pays."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 
 FREE = {"none": "nothing", "x": "distance", "y": "side", "z": "height", "tilt": "tilt"}
-"""What the axes of a grid are called in tables."""
+"""Names of the axes of a grid in tables."""
 
 
 def group(
@@ -46,22 +46,22 @@ def group(
     seed: int,
     jobs: int,
 ) -> None:
-    """Look for the place, print the tables; write ``group.json``, ``group.npz``, ``report.html``.
+    """Find the place, print the tables; write ``group.json``, ``group.npz``, ``report.html``.
 
     Args:
         problem_name: name or path of the problem.
-        people: statures [m] with commas between, or a whole number: how many to draw with seeds
-            from `seed` on.
+        people: statures [m] separated by commas, or a whole number of people to draw with
+            seeds from `seed` on.
         objective: ``"minimax"`` or ``"mean"``.
         out: folder of the results.
-        hands: right, left or both; None: as the problem has it.
-        load_kg: mass of the tool [kg]; None: as the problem has it.
-        starts: places of the grid from which the search goes on.
-        seed: of the people who are drawn.
+        hands: right, left or both; None: as in the problem.
+        load_kg: mass of the tool [kg]; None: as in the problem.
+        starts: number of places of the grid from which the search continues.
+        seed: seed of the people who are drawn.
         jobs: number of processes.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     if objective not in get_args(Objective):
         raise InputError(
@@ -99,7 +99,7 @@ def group(
 
 
 def group_table(found: GroupOptimum) -> RenderableType:
-    """Return the result for the terminal: everybody at the place, what could be made adjustable."""
+    """Return the result for the terminal: everybody at the place, and gains of adjustable axes."""
     x, y, z = np.round(found.pose[:3, 3], 2) + 0.0
     title = Text(f"{found.title}: object at x {x:.2f}, y {y:.2f}, z {z:.2f} m ({found.objective})")
     people = Table(box=None, pad_edge=False)

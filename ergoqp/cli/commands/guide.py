@@ -1,4 +1,4 @@
-"""The place that a run is drawn to, as an option names it."""
+"""The place that guides a run, as given by an option."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ergoqp.step.guide.place import Guide, read_guide
 
 
 def places_to_try(problem: Problem) -> list[Place]:
-    """Return what ``--seek`` tries after descent: the model's best place, and the rule's."""
+    """Return the places that ``--seek`` tries after descent: the model's best, and the rule's."""
     with working("looking for the model's best place") as done:
         best = optimise(problem, person_of(problem).comfort, progress=done)
     rule = rule_pose(problem, person_of(problem).body)
@@ -28,11 +28,12 @@ def guide_named(problem: Problem, name: str) -> Guide:
 
     Args:
         problem: the task.
-        name: ``best``: looked for, for the controller's own model of the person; else the path of
-            an ``optimum.json``.
+        name: ``best``: the place is searched for the controller's model of the person; else
+            the path of an ``optimum.json``.
 
     Raises:
-        InputError: if there is no such file, it is of another problem, or the place cannot be used.
+        InputError: if the file does not exist, it is of another problem, or the place cannot
+            be used.
     """
     if name == "best":
         with working("looking for the best place") as done:

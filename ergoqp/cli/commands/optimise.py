@@ -31,7 +31,7 @@ from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.sheets.reba import ACTION_LEVELS
 
 NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture chosen too"}
-"""What the modes are called in the table."""
+"""Names of the modes in the table."""
 
 
 def optimise_command(
@@ -42,19 +42,19 @@ def optimise_command(
     options: RecordingOptions,
     search: SearchOptions,
 ) -> None:
-    """Look for the best place, print the table, and write ``optimum.json`` and the page.
+    """Find the best place, print the table, and write ``optimum.json`` and the page.
 
     Args:
         problem_name: name or path of the problem.
-        recording_path: that the posture comes from, None: an awkward place.
-        at: when in the recording [s], None: its worst-scored frame.
-        out: folder of the results; finished starts are kept there, and a run that was killed goes
-            on from them.
+        recording_path: recording that the posture comes from, None: an awkward place.
+        at: time in the recording [s], None: its worst-scored frame.
+        out: folder of the results. Finished starts are kept there, and a run that was killed
+            continues from them.
         options: how to read the recording.
-        search: how to look for the place.
+        search: how to search for the place.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     problem = load_person_problem(problem_name)
     search.check()
@@ -96,7 +96,7 @@ def optimise_command(
 def _who(
     problem: Problem, recording_path: Path | None, at: float | None, options: RecordingOptions
 ) -> tuple[np.ndarray | None, Body | None, list[str]]:
-    """Return the posture, the person's body, and what was taken as given."""
+    """Return the posture, the body of the person, and the assumptions."""
     if recording_path is None:
         options.refuse_without_recording()
         if at is not None:
@@ -119,11 +119,11 @@ def _who(
 
 
 def optimum_table(problem: Problem, found: list[Optimum]) -> Table:
-    """Return what was found in one or more modes, side by side.
+    """Return the optima of one or more modes side by side.
 
     Args:
         problem: the task.
-        found: of the same problem and person; the first tells where it began.
+        found: optima of the same problem and person; the first also gives the start.
     """
     first = found[0]
     table = Table(title=Text(first.title), title_justify="left")

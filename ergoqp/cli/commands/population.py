@@ -1,4 +1,4 @@
-"""``ergoqp population``: each one's own best place over statures, hands and loads."""
+"""``ergoqp population``: the best place of each person, over statures, hands and loads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COLUMNS = (
     "starts_at_best",
     "starts",
 )
-"""Of ``population.csv``; the cells of somebody without a place are empty."""
+"""Columns of ``population.csv``. The cells of a person without a place are empty."""
 
 
 def population_study(
@@ -47,19 +47,19 @@ def population_study(
     loads_kg: str | None = None,
     search: SearchOptions,
 ) -> None:
-    """Look for everybody's best place, print the table and write ``population.csv``.
+    """Find the best place of each person, print the table and write ``population.csv``.
 
     Args:
         problem_name: name or path of the problem.
-        statures: [m], with commas between.
-        out: folder of the results; finished starts are kept there, and a study that was killed goes
-            on from them.
-        hands: right, left, both, with commas between; None: as the problem has it.
-        loads_kg: masses of the tool [kg], with commas between; None: as the problem has it.
-        search: how to look for the places.
+        statures: statures [m], separated by commas.
+        out: folder of the results. Finished starts are kept there, and a study that was killed
+            continues from them.
+        hands: right, left, both, separated by commas; None: as in the problem.
+        loads_kg: masses of the tool [kg], separated by commas; None: as in the problem.
+        search: how to search for the places.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     problem = load_person_problem(problem_name)
     search.check()
@@ -85,7 +85,7 @@ def population_study(
 
 
 def population_table(title: str, found: Sequence[Found]) -> Table:
-    """Return each one's best place, for the terminal."""
+    """Return the best place of each person as a table for the terminal."""
     table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False)
     for name in ("person", "before", "best", "x, m", "y, m", "z, m", "residual", "starts at best"):
         table.add_column(name, justify="left" if name == "person" else "right")
@@ -111,10 +111,10 @@ def population_table(title: str, found: Sequence[Found]) -> Table:
 
 
 def numbers_of(option: str, text: str, what: str, other: str = "") -> list[float]:
-    """Return numbers with commas between.
+    """Return numbers from a text, separated by commas.
 
     Raises:
-        InputError: if it is something else.
+        InputError: if the text is something else.
     """
     try:
         return [float(word) for word in text.split(",")]

@@ -44,14 +44,14 @@ from ergoqp.step.guide.place import Guide
 
 @dataclass(frozen=True)
 class Simulated:
-    """How robot and sensors of the simulation are, as on the command line.
+    """Robot, sensors and person of the simulation, as given on the command line.
 
     Attributes:
         robot: ``NAME=VALUE,...`` of `ergoqp.simulation.robot.RobotKind`; None: as declared.
-        bias_deg: ``JOINT=DEG,...``; None: as the person's sensors are.
+        bias_deg: ``JOINT=DEG,...``; None: the sensors of the person.
         follower: kind of the person who follows.
         seek: whether the loop tries places.
-        as_seen: whether the controller sees only what the recording tells.
+        as_seen: whether the controller sees only the joints that the recording shows.
     """
 
     robot: str | None = None
@@ -61,10 +61,10 @@ class Simulated:
     as_seen: bool = False
 
     def check(self) -> None:
-        """Check what was given, before anything is computed.
+        """Check the options, before anything is computed.
 
         Raises:
-            InputError: for what is none of the names, or no number.
+            InputError: if a name is unknown, or a value is not a number.
         """
         self.terms(Senses())
         if self.follower not in KINDS:
@@ -73,7 +73,7 @@ class Simulated:
             )
 
     def terms(self, senses: Senses) -> dict[str, Any]:
-        """Return the arguments of `simulate` for a person who is seen with such senses."""
+        """Return the arguments of `simulate` for a person with such senses."""
         terms: dict[str, Any] = {}
         if self.robot is not None:
             names = [entry.name for entry in fields(RobotKind)]
@@ -113,10 +113,10 @@ def run(
     guide: str | None = None,
     simulated: Simulated | None = None,
 ) -> None:
-    """Close the loop, print the table, and write ``run.json``, ``run.npz`` and ``report.html``.
+    """Run the closed loop, print the table, write ``run.json``, ``run.npz`` and ``report.html``.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     problem = load_person_problem(problem_name)
     how = simulated or Simulated()
@@ -264,10 +264,10 @@ def _from_recording(
 
 
 def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
-    """Return the frame nearest to a time, or the first of the worst-scored ones.
+    """Return the frame nearest to a time, or the first frame with the highest score.
 
     Raises:
-        InputError: if the recording has no such time, or shows nothing.
+        InputError: if the recording has no such time, or shows no posture.
     """
     if not recording.scored.any():
         causes = ", ".join(recording.not_scored)
@@ -275,7 +275,7 @@ def frame_of_recording(problem: Problem, recording: Recording, at: float | None)
     if at is None:
         return int(np.argmax(problem.assess(recording.scored_postures).final))
     first, last = float(recording.time[0]), float(recording.time[-1])
-    # What is printed with two digits must be allowed.
+    # A time as printed with two digits must be allowed.
     if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):
         raise InputError(f"--at: got {at:g} s, allowed {first:.2f} to {last:.2f} s")
     return int(np.argmin(np.abs(recording.time - at)))

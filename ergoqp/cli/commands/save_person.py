@@ -1,4 +1,4 @@
-"""``ergoqp score --save-person``: who a recording shows, where it shows enough of somebody."""
+"""``ergoqp score --save-person``: write the person of a recording, if it shows enough of them."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from ergoqp.recordings.fitting.person import side_measured
 from ergoqp.recordings.formats.opening import some
 
 _LEAST: Final = 20
-"""Scored frames by which a person is measured."""
+"""Least number of scored frames to measure a person."""
 _FAR: Final = 0.025
-"""A marker that is farther from where it sits does not sit there (RMS) [m]."""
+"""A marker with a larger residual is not fixed to its place (RMS) [m]."""
 
 
 def save_person(path: Path, recording: Recording, given: bool) -> list[str]:
-    """Write a person file, and return what is to be said of it, which is in the file too.
+    """Write a person file, and return the notes on it, which are also in the file.
 
     Args:
-        path: where to.
-        recording: of the person.
-        given: whether the person was stated, and is not measured.
+        path: path of the file.
+        recording: recording of the person.
+        given: whether the person was stated, not measured.
 
     Raises:
-        InputError: if the recording shows too little of the person, or the file cannot be written.
+        InputError: if the recording shows too little of the person, or the file cannot be
+            written.
     """
     _check(recording, given)
     far = {name: marker.residual for name, marker in recording.markers.items()}
@@ -53,7 +54,7 @@ def save_person(path: Path, recording: Recording, given: bool) -> list[str]:
 
 
 def _check(recording: Recording, given: bool) -> None:
-    """Raise where the recording does not show who the person is."""
+    """Raise an error if the recording does not show enough of the person."""
     count = int(recording.scored.sum())
     if count < _LEAST:
         frames = {0: "no scored frame", 1: "1 scored frame"}.get(count, f"{count} scored frames")
@@ -74,7 +75,7 @@ def _check(recording: Recording, given: bool) -> None:
 
 
 def _lengths(recording: Recording, given: bool) -> list[str]:
-    """Say which lengths are not measured, and which on one side only."""
+    """Return sentences on lengths that are not measured, or measured on one side only."""
     if given:
         return ["The lengths are those that were stated (--person), and not measured."]
     notes = []

@@ -1,4 +1,4 @@
-"""``ergoqp score``: every frame of a recording on the sheet."""
+"""``ergoqp score``: score every frame of a recording."""
 
 from __future__ import annotations
 
@@ -33,20 +33,21 @@ def score(
     method: Method,
     person_path: Path | None = None,
 ) -> None:
-    """Score a recording, print the table; write its files and ``report.html``.
+    """Score a recording, print the table, and write its files and ``report.html``.
 
-    Where joints are of no known naming, a mapping file with the nearest guesses is written.
+    If joints follow no known naming scheme, a mapping file with the nearest guesses is
+    written.
 
     Args:
-        recording_path: the recording.
+        recording_path: path of the recording.
         out: folder for the results.
-        task: what joint angles cannot tell.
-        options: how it is to be read.
+        task: task options that joint angles cannot tell.
+        options: how to read the recording.
         method: how the sheet is read.
-        person_path: where to write the person, or None.
+        person_path: path of the person file to write, or None.
 
     Raises:
-        ErgoqpError: if what the user gave cannot be used.
+        ErgoqpError: if an argument cannot be used.
     """
     try:
         with working(f"reading {recording_path.name}") as done:
@@ -82,7 +83,7 @@ def score(
 
 
 def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:
-    """Return what the scoring was told, as it is written."""
+    """Return the options of the scoring as text."""
     words = [("upper arm scored by", method.upper_arm)]
     for name, value in task.items():
         if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""What the commands show: tables as wide as there is room, and how far the work is."""
+"""Output of the commands: tables of suitable width, and progress."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.text import Text
 
 PLAIN_WIDTH = 120
-"""Columns of the tables when nobody tells how wide the output is."""
+"""Number of columns of tables if the width of the output is unknown."""
 
 PAUSE = 5.0
-"""Between two lines that say how far it is, where there is no terminal for a bar [s]."""
+"""Time between two lines of progress, if there is no terminal for a bar [s]."""
 
 
 def console() -> Console:
     """Return the console for results: standard output, as wide as the terminal or a log needs.
 
-    ``COLUMNS`` says how wide, where it is set.
+    ``COLUMNS`` sets the width if it is given.
     """
     out = Console()
     return out if out.is_terminal or _width_is_given() else Console(width=PLAIN_WIDTH)
@@ -33,9 +33,9 @@ def _width_is_given() -> bool:
 
 @contextmanager
 def working(words: str) -> Iterator[Callable[[float], None]]:
-    """Say on standard error what is being done: a bar on a terminal, plain lines otherwise.
+    """Report on standard error what is being done: a bar on a terminal, plain lines otherwise.
 
-    What takes long has another line every few seconds, which says how far it is.
+    Long work prints another line with its progress every few seconds.
 
     Yields:
         A function to call with the share that is done, 0 to 1.
@@ -50,7 +50,7 @@ def working(words: str) -> Iterator[Callable[[float], None]]:
         TaskProgressColumn(),
         TimeElapsedColumn(),
     )
-    # Without a thread of its own: it would disturb the durations that are measured.
+    # No refresh thread, because it would disturb the measured durations.
     with Progress(*columns, console=error, transient=True, auto_refresh=False) as bar:
         task = bar.add_task(words, total=None)
         bar.refresh()
@@ -63,7 +63,7 @@ def working(words: str) -> Iterator[Callable[[float], None]]:
 
 
 def _lines(words: str, error: Console) -> Callable[[float], None]:
-    """Return what writes the share that is done, in lines that are `PAUSE` apart."""
+    """Return a function that prints the share that is done, in lines that are `PAUSE` apart."""
     began = last = time.monotonic()
     error.print(Text(f"{words} ..."), soft_wrap=True)
 
@@ -79,7 +79,7 @@ def _lines(words: str, error: Console) -> Callable[[float], None]:
 
 
 def print_assumptions(out: Console, sentences: Sequence[str], title: str = "assumed") -> None:
-    """Print sentences as a list below a title, each on its lines."""
+    """Print sentences as a list below a title, each on its own line."""
     whole = not (out.is_terminal or _width_is_given())
     if sentences:
         out.print(Text(title), soft_wrap=whole)

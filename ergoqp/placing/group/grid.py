@@ -1,4 +1,4 @@
-"""The same places for all of a group: the exact score of each person's rest posture at each."""
+"""A grid of places for a whole group, with the exact score of each person's rest at each place."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ergoqp.simulation.best_place import outward, workspace_lines, workspace_map
 from ergoqp.simulation.people.alike import Alike
 
 AXES = ("x", "y", "z", "tilt")
-"""The four axes of a grid; a tilt is one of the contact frame's rotations."""
+"""The four axes of a grid. A tilt is one of the rotations of the contact frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedGrid:
-    """Scores of n people over one grid of poses, x slowest, then y, z, and the tilt fastest.
+    """Scores of n people over one grid of poses: x slowest, then y, z, and the tilt fastest.
 
     Attributes:
         x: places forward [m].
         y: places to the left [m].
         z: heights [m].
         tilts: rotations of the contact frame (k, 3, 3).
-        scores: exact scores (people, poses), 0 where the person does not reach.
-        costs: smooth cost of the same rest postures (people, poses), inf where the person does not
-            reach.
+        scores: exact scores (people, poses), 0 if the person does not reach.
+        costs: smooth costs of the same rest postures (people, poses), inf if the person does
+            not reach.
         postures: rest postures (people, poses, 32) [rad].
     """
 
@@ -45,7 +45,7 @@ class SharedGrid:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Number of places along x, y, z, and of tilts."""
+        """Number of places along x, y and z, and of tilts."""
         return len(self.x), len(self.y), len(self.z), len(self.tilts)
 
     @property
@@ -71,9 +71,9 @@ class SharedGrid:
         )
 
     def with_free(self, axis: str) -> np.ndarray:
-        """Return scores (people, poses that remain) if each may choose a place along one of `AXES`.
+        """Return scores (people, remaining poses) if each may choose a place along one of `AXES`.
 
-        A score is 0 where the person reaches none of the places along the axis.
+        A score is 0 if the person reaches none of the places along the axis.
         """
         number = 1 + AXES.index(axis)
         scores = (
@@ -95,18 +95,20 @@ def shared_grid(
 ) -> SharedGrid:
     """Return the grid of a group.
 
-    Each person's part is kept in the cache, so that a study which was stopped goes on.
+    The part of each person is kept in the cache, so that a study that was stopped can
+    continue.
 
     Args:
-        problem: its workspace and tool axis say where the object can be.
+        problem: its workspace and tool axis define where the object can be.
         people: the group.
-        spacing: of the places [m].
+        spacing: distance of neighbouring places [m].
         jobs: number of processes.
-        cache: keep and use the maps of earlier studies.
-        done: told after every person how many are done.
+        cache: keep maps, and use those of earlier studies.
+        done: called after every person with the number of people who are done.
 
     Raises:
-        InputError: if the problem has no workspace or no tool axis, or the spacing is not one.
+        InputError: if the problem has no workspace or no tool axis, or the spacing is not
+            allowed.
     """
     if missing := next(
         (what for what, kind in _NEEDED.items() if problem.limit_of(kind) is None), None
@@ -136,9 +138,9 @@ _NEEDED = {"workspace": WorkspaceBox, "tool_axis": AxisCone}
 def _of_person(
     problem: Problem, person: Alike, spacing: float, cache: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return scores (n,) and postures (n, 32) in the grid's order.
+    """Return scores (n,) and postures (n, 32) in the order of the grid.
 
-    A map is in the order in which it was settled.
+    A map is in the order in which the person settled.
     """
     found = workspace_map(problem, person, spacing=spacing, cache=cache)
     order = outward(person, workspace_poses(problem, spacing))

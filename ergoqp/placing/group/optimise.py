@@ -1,10 +1,10 @@
-"""The best ONE fixed place of the object for a group of people: what a workplace designer asks for.
+"""The best fixed place of the object for a group of people, for the design of a workplace.
 
-Everybody is put to rest at the same places: a grid over the workspace first, then a pattern search
-from the best of it (`ergoqp.placing.group.search`). What counts is the exact score of each one's
-rest posture; a place that somebody cannot reach is not a place for the group. What the group pays
-is told as well: for each one against their own best place, and against a place that could be
-adjusted along one axis.
+Everybody is put to rest at the same places: first on a grid over the workspace, then in a
+pattern search from its best places (`ergoqp.placing.group.search`). The exact score of each
+person's rest posture counts. A place that somebody cannot reach is not a place for the group.
+The result also says what the group pays: each person relative to their own best place, and
+relative to a place that could be adjusted along one axis.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from ergoqp.progress import Progress
 from ergoqp.simulation.people.alike import Alike
 
 SPACING = 0.15
-"""Distance of the grid's places [m]; the search goes on between them."""
+"""Distance of neighbouring places of the grid [m]. The search continues between them."""
 STARTS = 4
-"""Places of the grid from which the search goes on."""
+"""Number of places of the grid from which the search continues."""
 MOST_STARTS = 100
-"""Beyond this a number of starts is a slip."""
+"""A larger number of starts is taken for a mistake."""
 OWN_STARTS = 2
-"""The same for the best place of one person."""
+"""The same number for the best place of one person."""
 
 _NUMBERS = dict(
     zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True)
-)  # of a point, by the grid's axis
-_SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the search is
+)  # numbers of a point that belong to each axis of the grid
+_SHARES = (0.6, 0.85)  # share of the work that is done after the grid, and after the search
 
 
 def best_for_group(
@@ -58,21 +58,21 @@ def best_for_group(
 
     Args:
         problem: the task, with a workspace and a tool axis.
-        people: statures [m], simulated people, or what `ergoqp.placing.group.people.drawn_people`
-            draws.
-        objective: ``"minimax"``: the highest exact score, then the mean; ``"mean"``: the mean, then
-            the highest. Ties go to the smooth cost.
-        spacing: of the grid [m].
-        starts: number of the grid's places from which the search goes on.
+        people: statures [m], simulated people, or the result of
+            `ergoqp.placing.group.people.drawn_people`.
+        objective: ``"minimax"``: the highest exact score, then the mean; ``"mean"``: the mean,
+            then the highest. In a tie the smooth cost decides.
+        spacing: spacing of the grid [m].
+        starts: number of places of the grid from which the search continues.
         jobs: number of processes; the result does not depend on it.
-        cache: keep every person's grid, and use what was kept, so that a study which was stopped
-            goes on.
+        cache: keep the grid of every person, and use earlier ones, so that a study that was
+            stopped can continue.
         progress: called with the share that is done.
 
     Raises:
-        InputError: if an argument is not usable, or no place is reached by everybody, naming who is
-            left out.
-        MissingExtraError: if joblib is not installed and more than one process is wanted.
+        InputError: if an argument is not usable, or no place is reached by everybody; the
+            message names who does not reach.
+        MissingExtraError: if joblib is not installed and more than one process is needed.
 
     Example:
         >>> import ergoqp
@@ -111,7 +111,8 @@ def best_for_group(
     ):
         own.append(rest)
         tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
-    # The first start is the grid's best place itself, and every search gives its start back.
+    # The first start is the best place of the grid itself, and every search also returns its
+    # start.
     on_grid = min(found[1::2], key=lambda rest: rest.key(objective))
     return GroupOptimum(
         problem=problem.name,
@@ -132,9 +133,9 @@ def best_for_group(
 
 
 def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]]:
-    """Return the points one by one, or as many parts as there are processes.
+    """Return the points one by one, or in as many parts as there are processes.
 
-    Each part writes down everybody's equations anew.
+    Each part has to build the equations of everybody again.
     """
     if jobs == 1:
         return [[point] for point in points]
@@ -149,11 +150,11 @@ def _from_starts(
     objective: Objective,
     points: Sequence[np.ndarray],
 ) -> tuple[list[RestAtPlace], int]:
-    """Return what the search from every point found, each followed by its start.
+    """Return the results of the search from every point, each followed by its start.
 
-    The number of placements is the second value.
+    The second value is the number of placements.
 
-    All are judged whichever way people come.
+    Every result is also checked with the people coming from comfort.
     """
     search = PlaceSearch(problem, people, grid, objective)
     rests = [
@@ -169,7 +170,7 @@ def _own_best(
     number: int,
     group_point: np.ndarray,
 ) -> RestAtPlace:
-    """Return one person's best place; the group's place is one of the candidates."""
+    """Return one person's best place. The place of the group is one of the candidates."""
     search = PlaceSearch(problem, people[number : number + 1], grid.of(number), "mean")
     found = [search.at(group_point)]
     for point in search.starts(OWN_STARTS):
@@ -180,10 +181,10 @@ def _own_best(
 
 
 def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
-    """Raise if the group has no place.
+    """Raise an error if no place is reached by everybody.
 
     Raises:
-        InputError: saying who is left out where most can reach.
+        InputError: naming who does not reach the place that most people reach.
     """
     if grid.reached_by_all.any():
         return
@@ -237,12 +238,12 @@ def _members(
 
 
 def _free(search: PlaceSearch, best: RestAtPlace) -> dict[str, tuple[int, float]]:
-    """Return the highest and the mean score for every axis that could be left to everybody."""
+    """Return the highest and the mean score for every axis that everybody could set themselves."""
     grid, objective = search.grid, search.objective
     found = {"none": (int(best.scores.max()), float(best.scores.mean()))}
     for axis, numbers in _NUMBERS.items():
-        # At the group's place everybody is as they are; along the axis from there they may be
-        # better off.
+        # Everybody has at most the score at the group's place. Along the axis from there it
+        # may be lower.
         here = best.scores.copy()
         moves = [rest for number in numbers for rest in search.line(best.point, number)]
         if not moves:

@@ -1,4 +1,4 @@
-"""What was found for a group: the place, everybody at it, and what it costs them."""
+"""Result for a group: the place, all members at it, and what it costs them."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ergoqp.placing.group.search import Objective
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """One of the group, at the group's place and at the best place that was found for them alone.
+    """One person of a group, at the place of the group and at their own best place.
 
     Attributes:
-        label: how the person is called.
-        body: of the person.
-        reba: exact score at the group's place.
+        label: name of the person.
+        body: body of the person.
+        reba: exact score at the place of the group.
         cost: smooth cost there [points].
         posture: rest posture there (32,) [rad].
         base_pose: pelvis in the world there (4, 4) [m].
         segments: score of every segment there.
-        reasons: the score in sentences.
-        own_reba: exact score at the own best place.
-        own_pose: of the object there (4, 4) [m].
+        reasons: sentences that explain the score.
+        own_reba: exact score at the best place that was found for this person alone.
+        own_pose: pose of the object there (4, 4) [m].
         reach: share of the grid's poses that the person reaches.
 
     Example:
@@ -57,7 +57,7 @@ class Member:
 
     @property
     def pays(self) -> int:
-        """Points above the own best place."""
+        """Points above the score at the person's own best place."""
         return self.reba - self.own_reba
 
 
@@ -69,19 +69,19 @@ class GroupOptimum:
         problem: name of the problem.
         title: the problem in a few words, for people.
         objective: ``"minimax"`` or ``"mean"``.
-        pose: of the object's contact frame (4, 4) [m], the same for everybody.
-        members: the people, in the order given.
+        pose: pose of the object's contact frame (4, 4) [m], the same for everybody.
+        members: the people, in the given order.
         grid: scores of everybody over the grid, in the same order.
-        spacing: of the grid [m].
+        spacing: spacing of the grid [m].
         grid_pose: best pose of the grid (4, 4) [m].
         grid_reba: exact scores of the people there (p,) [points].
-        free: highest and mean exact score [points] if everybody could set one thing for themselves,
-            by its name. The first name is ``"none"``: everything is fixed. It is the better of what
-            the grid holds and of moving from the place of the group.
-        placements: how often the whole group was put to rest beyond the grid.
-        seconds: time that it took, without what came from the cache [s].
+        free: highest and mean exact score [points] if everybody could set one thing for
+            themselves, by its name. The first name is ``"none"``: everything is fixed. The
+            score is the better of the grid's and that of moving from the place of the group.
+        placements: how many times the whole group was put to rest beyond the grid.
+        seconds: computation time, without results from the cache [s].
         seated: whether the people sit.
-        assumptions: sentences on what was taken as given.
+        assumptions: sentences on what was assumed.
 
     Example:
         >>> import ergoqp
@@ -123,7 +123,7 @@ class GroupOptimum:
         return float(np.mean([member.own_reba for member in self.members]))
 
     def __repr__(self) -> str:
-        """Say in one line what was found where."""
+        """Return the result in one line."""
         x, y, z = self.pose[:3, 3]
         return (
             f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest"
@@ -160,7 +160,7 @@ class GroupOptimum:
 
 
 def summary_of_group(found: GroupOptimum) -> dict[str, Any]:
-    """Return what ``group.json`` holds: plain numbers, texts, lists and dicts."""
+    """Return the contents of ``group.json``: numbers, texts, lists and dicts."""
     return {
         "version": __version__,
         "problem": found.problem,

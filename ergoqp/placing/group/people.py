@@ -1,4 +1,4 @@
-"""Who shares a place: people by stature, drawn with seeds, or simulated people of one's own."""
+"""The people of a group: by stature, drawn with seeds, or the user's own simulated people."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ergoqp.problem.problem import Problem
 from ergoqp.simulation.people.alike import Alike, sample_person
 
 MOST = 200
-"""Largest group."""
+"""Largest size of a group."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """One of a group.
+    """One person of a group.
 
     Attributes:
-        label: how the person is called in tables, unique in a group.
+        label: name of the person in tables, unique in a group.
         follower: body, weights and comfort.
 
     Example:
@@ -46,11 +46,11 @@ class Person:
 def read_people(problem: Problem, people: Sequence[float | Alike | Person]) -> tuple[Person, ...]:
     """Return the people of a group.
 
-    A number is the stature [m] of somebody with the weights and the comfort of the problem.
+    A number is the stature [m] of a person with the weights and the comfort of the problem.
 
     Raises:
-        InputError: for an empty group, one of more than `MOST`, or somebody who works with other
-            hands or in another stance.
+        InputError: if the group is empty or larger than `MOST`, or a person has other hands,
+            stance, seat height or tool than the problem.
     """
     people = as_tuple("group", people)
     if not 1 <= len(people) <= MOST:
@@ -64,7 +64,7 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, .
     Each is drawn as in `ergoqp.simulation.people.alike.sample_person`.
 
     Raises:
-        InputError: for a count of less than 1 or more than `MOST`, or a negative seed.
+        InputError: if the count is not from 1 to `MOST`, or the seed is negative.
     """
     if isinstance(count, bool) or not (isinstance(count, Integral) and 1 <= count <= MOST):
         raise InputError(f"group: got {count} people, allowed 1 to {MOST}")
@@ -99,7 +99,7 @@ def _person(problem: Problem, person: float | Alike | Person) -> Person:
 
 
 def _unique(people: list[Person]) -> tuple[Person, ...]:
-    """Number those who would be called alike."""
+    """Add numbers to labels that occur more than once."""
     labels = [person.label for person in people]
     numbered = []
     for i, person in enumerate(people):

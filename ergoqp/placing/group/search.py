@@ -1,12 +1,13 @@
-"""From the best places of a grid to places between them, by a pattern search.
+"""A pattern search from the best places of a grid to places between them.
 
-It searches on the smooth cost of everybody's rest posture.
+It minimises the smooth cost of everybody's rest posture.
 
-The search uses values only. The exact score has no gradient. The smooth cost at rest has one almost
-everywhere, but S(q) is not the way to it: S says where the posture goes when the object moves, and
-then the person still relaxes toward comfort with the object at rest; the derivative of the rest
-posture changes with every joint that comes to its end; and the worst of several people has kinks
-where another becomes the worst. In five unknowns a pattern search needs some hundred placements.
+The search uses values only. The exact score has no useful gradient. The smooth cost at rest
+has one almost everywhere, but S(q) does not give it. S says where the posture goes when the
+object moves, but afterwards the person still relaxes toward comfort while the object is at
+rest. The derivative of the rest posture changes with every joint that reaches its end. The
+worst of several people has kinks where another person becomes the worst. With five unknowns a
+pattern search needs some hundred placements.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ Objective = Literal["minimax", "mean"]
 Key = tuple[float, ...]
 
 SOFTNESS = 0.25
-"""Of the largest cost in a group, so that the second worst counts too [points]."""
+"""Softness of the largest cost in a group, so that the second largest counts too [points]."""
 FINEST = 0.01
-"""Shortest step along an axis [m]; tilts are as fine in their own range."""
+"""Shortest step along an axis [m]. Tilts are equally fine relative to their range."""
 MOST = 150
 """Longest search from one start, in placements of the object."""
 
@@ -38,13 +39,13 @@ MOST = 150
 class Placing:
     """Poses of the object as five numbers: x, y, z [m], then two turns [rad].
 
-    The turns are about the y and z of the cone's middle frame.
+    The turns are about the y and z axes of the cone's middle frame.
 
     Attributes:
-        lower: least of each (5,).
-        upper: greatest of each (5,); where nothing is left between the two, the number is fixed.
+        lower: least value of each (5,).
+        upper: greatest value of each (5,); if it equals the least, the number is fixed.
         frame: middle of the cone (3, 3).
-        half_angle: of the cone [rad].
+        half_angle: half angle of the cone [rad].
     """
 
     lower: np.ndarray
@@ -54,7 +55,7 @@ class Placing:
 
     @classmethod
     def of(cls, problem: Problem) -> Placing:
-        """Return the placing of a problem's workspace, tool axis and movable axes."""
+        """Return the placing for the workspace, tool axis and movable axes of a problem."""
         box, cone, axes = (
             problem.limit_of(WorkspaceBox),
             problem.limit_of(AxisCone),
@@ -80,7 +81,7 @@ class Placing:
         return pose
 
     def point(self, pose: np.ndarray) -> np.ndarray:
-        """Return the point (5,) of a pose (4, 4); what it is turned about its own x is left out."""
+        """Return the point (5,) of a pose (4, 4). The rotation about its own x is ignored."""
         x, y, z = self.frame.T @ pose[:3, 0]
         return np.array([*pose[:3, 3], np.arctan2(-z, x), np.arcsin(np.clip(y, -1, 1))])
 
@@ -97,9 +98,9 @@ class RestAtPlace:
     """Everybody at rest at one place.
 
     Attributes:
-        point: where the object is, see `Placing`.
-        scores: exact scores (people,), 0 for who does not reach.
-        costs: smooth costs (people,), inf for who does not reach.
+        point: the place, see `Placing`.
+        scores: exact scores (people,), 0 for a person who does not reach.
+        costs: smooth costs (people,), inf for a person who does not reach.
         postures: rest postures (people, 32) [rad].
     """
 
@@ -109,22 +110,22 @@ class RestAtPlace:
     postures: np.ndarray
 
     def key(self, objective: Objective) -> Key:
-        """Return what makes one place better than another, the lowest being best; see `keys`."""
+        """Return the values by which places are compared, the lowest is best; see `keys`."""
         return tuple(keys(self.scores[:, None], self.costs[:, None], objective)[0].tolist())
 
 
 def keys(scores: np.ndarray, costs: np.ndarray, objective: Objective) -> np.ndarray:
-    """Return for every place (n, 4) what is compared, first to last.
+    """Return for every place (n, 4) the values that are compared, from first to last.
 
-    It is who does not reach, two figures of the scores, the cost.
+    They are the number of people who do not reach, two figures of the scores, and the cost.
 
-    ``"minimax"``: the highest score, then the mean; ``"mean"``: the mean, then the highest. Ties go
-    to the smooth cost, the soft maximum or the mean.
+    ``"minimax"``: the highest score, then the mean; ``"mean"``: the mean, then the highest. In
+    a tie the smooth cost decides, by its soft maximum or mean.
 
     Args:
-        scores: exact (people, n), 0 where somebody does not reach.
-        costs: smooth (people, n).
-        objective: what a good place is.
+        scores: exact scores (people, n), 0 if a person does not reach.
+        costs: smooth costs (people, n).
+        objective: ``"minimax"`` or ``"mean"``.
     """
     unreached, highest, mean = (scores == 0).sum(axis=0), scores.max(axis=0), scores.mean(axis=0)
     two = (highest, mean) if objective == "minimax" else (mean, highest)
@@ -149,15 +150,15 @@ class PlaceSearch:
 
     Args:
         problem: the task.
-        people: who is to come to rest at every place.
-        grid: of the same people, in the same order.
-        objective: what a good place is.
+        people: people who come to rest at every place.
+        grid: grid of the same people, in the same order.
+        objective: ``"minimax"`` or ``"mean"``.
     """
 
     def __init__(
         self, problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective
     ) -> None:
-        """Prepare what every placement needs."""
+        """Prepare the data that every placement needs."""
         self.problem, self.grid = problem, grid
         self.objective: Objective = objective
         self.placing = Placing.of(problem)
@@ -170,7 +171,7 @@ class PlaceSearch:
         ]
 
     def starts(self, count: int) -> list[np.ndarray]:
-        """Return the grid's best places (5,), best first, none within one spacing of a better."""
+        """Return the grid's best places (5,), best first, none within a spacing of a better one."""
         found = keys(self.grid.scores, self.grid.costs, self.objective)
         order = np.lexsort(found.T[::-1])
         poses, chosen = self.grid.poses, []
@@ -190,7 +191,7 @@ class PlaceSearch:
         return [self.placing.point(poses[i]) for i in chosen]
 
     def at(self, point: np.ndarray) -> RestAtPlace:
-        """Return everybody at rest at a place, each from the nearest grid place that they reach."""
+        """Return everybody at rest at a place, each from the nearest grid place in their reach."""
         self.placements += 1
         pose = self.placing.pose(point)
         postures, reached = [], []
@@ -211,9 +212,9 @@ class PlaceSearch:
         return self._rest(point, np.array(postures), np.array(reached))
 
     def resettled_from_comfort(self, rest: RestAtPlace) -> RestAtPlace:
-        """Return the same place, with people settled again from comfort where that is worse.
+        """Return the same place, with people settled again from comfort if that is worse.
 
-        A rest posture can depend on the way to it. A place must be good on either way.
+        A rest posture can depend on the path to it. A place must be good for both paths.
         """
         pose = self.placing.pose(rest.point)
         postures, reached = [], []
@@ -233,9 +234,9 @@ class PlaceSearch:
     def descend(self, start: np.ndarray) -> list[RestAtPlace]:
         """Return the best place of a search from a point, and the start itself.
 
-        A step of the pattern goes one way along one of the five numbers and is taken when it lowers
-        the smooth cost; when no step does, all become half as long. Best is the lowest key of all
-        places that were tried.
+        A step of the pattern changes one of the five numbers. It is accepted if it lowers the
+        smooth cost. If no step does, all steps become half as long. The best place is the one
+        with the lowest key of all places that were tried.
         """
         here = first = best = self.at(start)
         lengths = self._first_lengths()
@@ -269,9 +270,7 @@ class PlaceSearch:
     def line(self, point: np.ndarray, number: int, count: int = 9) -> list[RestAtPlace]:
         """Return everybody at rest at places along one of the five numbers from a point.
 
-        The places are those where the object may be.
-
-        Empty where the number is fixed.
+        The places are those where the object may be. The list is empty if the number is fixed.
         """
         low, high = self.placing.lower[number], self.placing.upper[number]
         points = np.tile(point, (count if high - low > 1e-9 else 0, 1))
@@ -279,7 +278,7 @@ class PlaceSearch:
         return [self.at(each) for each in points if self.placing.holds(each)]
 
     def _first_lengths(self) -> np.ndarray:
-        """Half of the grid's spacing along each number, 0 where it is fixed (5,)."""
+        """Return half of the grid's spacing along each number, 0 if it is fixed (5,)."""
         wide = self.placing.upper - self.placing.lower
         places = [len(self.grid.x), len(self.grid.y), len(self.grid.z), 4, 4]
         return np.array(
@@ -291,7 +290,7 @@ class PlaceSearch:
 
     def _rest(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> RestAtPlace:
         pose, own = self.placing.pose(point), self.problem.own_limits
-        # Where a limit of the user's own forbids it, nobody is.
+        # A place that one of the user's own limits forbids counts as not reached.
         reached = reached & np.array([not own.broken(pose, posture) for posture in postures])
         scores = np.where(reached, self.problem.assess(postures).final, 0)
         return RestAtPlace(
@@ -300,5 +299,5 @@ class PlaceSearch:
 
 
 def _features(poses: np.ndarray) -> np.ndarray:
-    # As for the maps, a quarter turn counts as much as 30 cm.
+    # As in the maps, a quarter turn counts as much as 30 cm.
     return np.concatenate([poses[:, :3, 3], 0.2 * poses[:, :3, 0]], axis=1)

@@ -1,1 +1,1 @@
-"""The person, drawn."""
+"""Drawings of the person."""

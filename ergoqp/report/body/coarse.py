@@ -1,4 +1,4 @@
-"""Numbers of a scene, as exact as anybody sees them."""
+"""Rounding of the numbers of a scene to the visible precision."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from numpy.typing import NDArray
 
 
 def coarse(values: Any) -> NDArray[np.float64]:
-    """Round to 1/8192 (0.1 mm): the scene is half as large, and nobody sees the rest."""
+    """Return values rounded to 1/8192 (0.1 mm), which halves the scene with no visible change."""
     return np.round(np.asarray(values, dtype=float) * 8192) / 8192

@@ -1,4 +1,4 @@
-"""The person in one posture as a flat figure: the replay's picture for print and a first look."""
+"""A flat figure of the person in one posture, for print and as a still of the replay."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ergoqp.report import palette
 from ergoqp.report.body.person import parts_of, place
 from ergoqp.report.charts import svg
 
-_HEIGHT: Final = 300.0  # of an upright person with some room around [px]
+_HEIGHT: Final = 300.0  # height of an upright person with some margin [px]
 MARGIN: Final = 0.13
 """Room around the axes of the shapes [m]."""
 _VIEW_DEG: Final = 35.0  # from the right side towards the front
@@ -32,19 +32,20 @@ class _Shape:
 
 
 class Drawing:
-    """A posture as shapes on the plane of a picture that looks at the person from the front right.
+    """A posture as shapes in the plane of a picture, seen from the front right of the person.
 
     Args:
         body: the person.
         posture: shape (32,) [rad], finite.
-        base_pose: the pelvis in the world, shape (4, 4).
+        base_pose: pelvis in the world, shape (4, 4).
         segments: segment -> score.
         contact: contact frame of the held object in the world, shape (4, 4), None without an
             object.
 
     Attributes:
-        horizontal: leftmost and rightmost of the axes of all shapes [m].
-        vertical: lowest and highest [m].
+        horizontal: leftmost and rightmost coordinate of the axes of all shapes, with a margin
+            [m].
+        vertical: lowest and highest coordinate, with a margin [m].
     """
 
     def __init__(
@@ -55,12 +56,12 @@ class Drawing:
         segments: Mapping[str, int],
         contact: NDArray[np.float64] | None = None,
     ) -> None:
-        """Place the shapes."""
+        """Compute the positions of the shapes."""
         placement = place(body, posture[None], base_pose[None])
         turn = np.radians(_VIEW_DEG)
         forward, left = base_pose[:3, 0], base_pose[:3, 1]
         self._across = np.cos(turn) * forward + np.sin(turn) * left  # to the right in the picture
-        towards = np.sin(turn) * forward - np.cos(turn) * left  # to who looks at it
+        towards = np.sin(turn) * forward - np.cos(turn) * left  # toward the viewer
         self._contact = contact
         self._groups: dict[tuple[str, str], list[_Shape]] = {}
         for part in parts_of(body):
@@ -88,24 +89,24 @@ class Drawing:
         """Return the shapes, back to front.
 
         Args:
-            scale: of the picture [px/m].
-            left: where 0 of the horizontal axis is [px].
-            floor: where height 0 is [px].
+            scale: scale of the picture [px/m].
+            left: position of 0 of the horizontal axis [px].
+            floor: position of height 0 [px].
         """
 
         def at(point: NDArray[np.float64]) -> tuple[float, float]:
             return left + float(point @ self._across) * scale, floor - float(point[2]) * scale
 
         drawn: list[str] = []
-        # Shapes that move together and have one colour get one outline, so that the trunk is not
-        # cut into rings.
+        # Shapes of one body and colour share one outline, so that the trunk is not cut into
+        # rings.
         for (_, colour), group in sorted(
             self._groups.items(), key=lambda item: max(shape.depth for shape in item[1])
         ):
             lines = []
             for shape in group:
                 (x1, y1), (x2, y2) = at(shape.ends[0]), at(shape.ends[1])
-                # A line of no length has no round ends in every browser.
+                # In some browsers a line of zero length has no round ends.
                 line = {"x1": x1, "y1": y1, "x2": x2 + 0.01, "y2": y2, "stroke_linecap": "round"}
                 lines.append((line, 2 * shape.radius * scale))
             drawn += [
@@ -141,9 +142,9 @@ def posture_figure(
     Args:
         body: the person.
         posture: shape (32,) [rad], finite.
-        base_pose: the pelvis in the world, shape (4, 4).
+        base_pose: pelvis in the world, shape (4, 4).
         segments: segment -> score.
-        title: of the picture.
+        title: title of the picture.
         contact: contact frame of the held object in the world, shape (4, 4), None without an
             object.
     """

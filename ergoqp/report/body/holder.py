@@ -1,7 +1,7 @@
-"""Who holds the object in a replay: a sketch of an arm of two links on a post, solved in the plane.
+"""The robot in a replay: a sketch of an arm with two links on a post, solved in the plane.
 
-It shows that a robot holds the object and from where, not which robot: a problem says nothing of
-that.
+It shows that a robot holds the object and from where. It does not show a particular robot,
+because a problem does not describe one.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from ergoqp.report.body.coarse import coarse
 _COLOUR: Final = (196, 201, 207)
 _JOINT_COLOUR: Final = (120, 130, 142)
 _RADIUS: Final = 0.024
-"""Of the links [m]."""
+"""Radius of the links [m]."""
 
 _FLANGE: Final = 0.17
-"""From the contact along the tool's axis to where the arm ends [m]: behind the box."""
+"""Distance from the contact along the tool axis to the end of the arm [m], behind the box."""
 
 _BEHIND: Final = 0.55
-"""Distance of the post from the middle of the object's way [m], on the far side of the person."""
+"""Distance of the post from the middle of the object's path [m], on the far side of the person."""
 
 _ASIDE: Final = 0.7
-"""How far to the person's left the post is, as seen from the object [rad]."""
+"""Angle of the post to the person's left, as seen from the object [rad]."""
 
 _SLACK: Final = 1.08
-"""How much longer than needed the links are together."""
+"""Total length of the links, relative to the length needed."""
 
 
 @dataclass(frozen=True)
 class Arm:
-    """One frame of the sketch: where shoulder, elbow and flange are (3,) each [m]."""
+    """One frame of the sketch: positions of shoulder, elbow and flange (3,) each [m]."""
 
     shoulder: NDArray[np.float64]
     elbow: NDArray[np.float64]
@@ -42,17 +42,17 @@ class Arm:
 
 
 def arm_of(poses: NDArray[np.float64], person: NDArray[np.float64]) -> list[Arm]:
-    """Return the arm at every pose of the object (n, 4, 4).
+    """Return the arm for every pose of the object (n, 4, 4).
 
     Args:
-        poses: of the object's contact frame.
-        person: where the person is over the floor (2,) [m].
+        poses: poses of the object's contact frame.
+        person: position of the person on the floor (2,) [m].
     """
     flanges = poses[:, :3, 3] + _FLANGE * poses[:, :3, 0]
     middle = flanges.mean(axis=0)
     away = middle[:2] - person
     away /= max(float(np.linalg.norm(away)), 1e-9)
-    # To the left, where it is not between person and camera.
+    # Move it to the left, so that it is not between person and camera.
     cosine, sine = np.cos(_ASIDE), np.sin(_ASIDE)
     away = np.array([[cosine, -sine], [sine, cosine]]) @ away
     shoulder = np.array([*(middle[:2] + _BEHIND * away), middle[2] - 0.05])
@@ -76,10 +76,10 @@ class Holder:
     """The arm in a scene.
 
     Args:
-        server: of the scene.
-        poses: of the object's contact frame (n, 4, 4).
-        person: where the person is over the floor (2,) [m].
-        floor: its height [m].
+        server: server of the scene.
+        poses: poses of the object's contact frame (n, 4, 4).
+        person: position of the person on the floor (2,) [m].
+        floor: height of the floor [m].
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Holder:
 
 
 def _upright_to(way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quaternion wxyz that turns z along a way."""
+    """Return the quaternion wxyz that rotates z to a direction."""
     x, y, z = way / max(float(np.linalg.norm(way)), 1e-9)
     quaternion = np.array([1.0 + z, -y, x, 0.0])
     size = float(np.linalg.norm(quaternion))

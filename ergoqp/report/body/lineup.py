@@ -1,4 +1,4 @@
-"""Several people beside each other on one floor, in one scale, at the same height of the object."""
+"""Several people side by side on one floor, in one scale, at the same height of the object."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from ergoqp.report.charts.frame import WIDTH, width_of
 
 _SCALE: Final = 132.0  # [px/m]
 _GAP: Final = 6.0
-_WORDS: Final = 58.0  # room for two lines below the floor and the margin
+_WORDS: Final = 58.0  # room for the margin and two lines of text below the floor
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """One of the row.
+    """One person of the row.
 
     Attributes:
         body: the person.
         posture: shape (32,) [rad].
-        base_pose: the pelvis in the world, shape (4, 4).
+        base_pose: pelvis in the world, shape (4, 4).
         segments: segment -> score.
         label: name of the person.
         score: final score.
@@ -44,12 +44,12 @@ class Standing:
 
 
 def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> str:
-    """Draw a row of people, broken into more rows where it gets too long.
+    """Draw a row of people, in more than one row if it is too long.
 
     Args:
-        people: from the left.
-        title: of the picture.
-        width: of the picture, at most [px].
+        people: the people, from the left.
+        title: title of the picture.
+        width: largest width of the picture [px].
     """
     drawings = [Drawing(p.body, p.posture, p.base_pose, p.segments, p.contact) for p in people]
     top = max(drawing.vertical[1] for drawing in drawings)
@@ -121,7 +121,7 @@ def _words(person: Standing) -> str:
 
 
 def _rows(widths: Sequence[float], most: float) -> list[list[int]]:
-    """Return which go into each row: as few rows as fit, about equally many in each."""
+    """Return the people of each row: as few rows as possible, with about equally many in each."""
     total = sum(width + _GAP for width in widths)
     count = max(1, int(np.ceil(total / most)))
     while True:

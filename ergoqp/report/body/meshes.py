@@ -1,7 +1,7 @@
-"""Triangles of the shapes that a scene is drawn with.
+"""Triangle meshes of the shapes of a scene.
 
-The model's capsules are what counts as the body; what is drawn differs from them only in looks:
-limbs are thinner at their far end, and the rings of the trunk are joined into one surface.
+The body is defined by the capsules of the model. The drawing differs only in looks: limbs are
+thinner at their far end, and the rings of the trunk are joined into one surface.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 
 _AROUND: Final = 24
 _ALONG: Final = 7  # rings from the equator to a pole
-_NEAR, _FAR = 1.06, 0.74  # radius of a limb at its ends over the model's
+_NEAR, _FAR = 1.06, 0.74  # radius of a limb at its ends, relative to the model
 _LIMBS: Final = ("upper_arm", "forearm", "thigh", "shank")
 
 
 def body_mesh(parts: Sequence[Part]) -> Mesh:
-    """Return the surface of parts that share an owner, in the frame of the owner.
+    """Return the surface of parts with the same owner, in the frame of the owner.
 
     Args:
-        parts: one or more; several of the trunk become one torso.
+        parts: one or more parts; several parts of the trunk become one torso.
     """
     if len(parts) > 1 and all(part.segment == "trunk" and part.capsule for part in parts):
         return _torso(parts)
@@ -48,13 +48,14 @@ def _part_mesh(part: Part) -> Mesh:
 
 
 def _torso(parts: Sequence[Part]) -> Mesh:
-    """One surface through the rings of the trunk, which lie across it (along y)."""
+    """Return one surface through the rings of the trunk, which lie across it (along y)."""
     ordered = sorted(parts, key=lambda part: part.position[2])
     z = np.array([part.position[2] for part in ordered])
     depth = np.array([part.size[0] for part in ordered])
     width = depth + np.array([part.size[1] for part in ordered])
     forward = np.array([part.position[0] for part in ordered])
-    # Ends: the lowest ring goes down into the pelvis, the highest closes over the shoulders.
+    # At the ends, the lowest ring extends into the pelvis, and the highest closes over the
+    # shoulders.
     heights = np.concatenate(
         [
             [z[0] - depth[0]],
@@ -74,7 +75,7 @@ def _torso(parts: Sequence[Part]) -> Mesh:
     half_axes[-1] = 0.0
     rings = _rings(half_axes, heights)
     rings[:, 0] += np.repeat(np.interp(heights, z, forward), _AROUND)
-    # These rings go upwards, so their triangles are turned to face outwards.
+    # These rings go upwards, so their triangles are flipped to face outwards.
     return rings.astype(np.float32), _between_rings(len(heights))[:, ::-1].copy()
 
 
@@ -88,7 +89,7 @@ def _joined(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def _rings(half_axes: NDArray[np.float64], heights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of ellipses with half axes (n, 2) at heights (n,), ring after ring."""
+    """Return points of ellipses with half axes (n, 2) at heights (n,), ring after ring."""
     angle = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     flat = (half_axes[:, None, :] * circle).reshape(-1, 2)
@@ -96,7 +97,7 @@ def _rings(half_axes: NDArray[np.float64], heights: NDArray[np.float64]) -> NDAr
 
 
 def _between_rings(count: int) -> NDArray[np.uint32]:
-    """Triangles between successive rings, facing outwards when the rings go down."""
+    """Return triangles between successive rings. They face outwards if the rings go down."""
     ring, spoke = np.meshgrid(np.arange(count - 1), np.arange(_AROUND), indexing="ij")
     here, beside = ring * _AROUND + spoke, ring * _AROUND + (spoke + 1) % _AROUND
     quads = np.stack([here, here + _AROUND, beside + _AROUND, beside], axis=-1).reshape(-1, 4)

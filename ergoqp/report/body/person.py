@@ -1,4 +1,4 @@
-"""The person as solid parts, each of a segment of the sheet, and their places in a posture."""
+"""The person as solid parts, each with its segment of the sheet, and their poses in a posture."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SEGMENT_OF: Final = {
     "thigh": "legs",
     "shank": "legs",
 }
-"""Which score colours a shape of the model; hair and shoes keep a colour of their own."""
+"""The score that colours each shape of the model. Hair and shoes have their own colours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +38,12 @@ class Part:
     """A capsule or an ellipsoid of the body.
 
     Attributes:
-        name: of the shape in the model.
+        name: name of the shape in the model.
         owner: name of the model's body that it is fixed to.
-        segment: key of the score that colours it, None for what has none.
-        capsule: a capsule along its own z axis, else an ellipsoid.
-        size: capsule: radius and half length of the straight part; ellipsoid: the three half axes
-            [m].
+        segment: key of the score that colours it, None without one.
+        capsule: whether it is a capsule along its own z axis; else it is an ellipsoid.
+        size: capsule: radius and half length of the straight part; ellipsoid: the three half
+            axes [m].
         position: centre in the owner, shape (3,) [m].
         rotation: axes in the owner, shape (3, 3).
     """
@@ -59,7 +59,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where the bodies of the model are in n postures.
+    """Poses of the bodies of the model in n postures.
 
     Attributes:
         owners: names of the bodies.
@@ -103,12 +103,12 @@ def parts_of(body: Body) -> list[Part]:
 
 
 def place(body: Body, postures: NDArray[np.float64], base_poses: NDArray[np.float64]) -> Placement:
-    """Compute where every body of the model is.
+    """Return the pose of every body of the model.
 
     Args:
         body: the person.
         postures: shape (n, 32) [rad], finite.
-        base_poses: the pelvis in the world, upright, shape (n, 4, 4) [m].
+        base_poses: pelvis in the world, upright, shape (n, 4, 4) [m].
     """
     model = body.model
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""The replay: the shown moments of a movement and their 3-D scene as one self-contained page."""
+"""The samples of a movement that a replay shows, and their timing."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from numpy.typing import NDArray
 from ergoqp.human import Body
 
 LONGEST: Final = 60.0
-"""Longest replay [s]; a longer movement is shown faster."""
+"""Longest replay [s]. A longer movement is shown faster than real time."""
 
 FRAME_RATE: Final = 30.0
-"""Most frames per second of the replay."""
+"""Highest frame rate of the replay [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """What a replay shows: a scored movement, at every sample.
+    """The contents of a replay: a scored movement, at every sample.
 
     Attributes:
         body: the person.
         time: shape (n,) [s], increasing.
-        postures: shape (n, 32) [rad]; NaN where there is none.
-        base_poses: the pelvis in the world, upright, shape (n, 4, 4).
-        final: score, 0 where there is none; shape (n,).
+        postures: shape (n, 32) [rad]; NaN if there is none.
+        base_poses: pelvis in the world, upright, shape (n, 4, 4).
+        final: score, 0 without a score; shape (n,).
         segments: scores of the segments, shape (n,) each.
-        object_poses: contact frame of the held object in the world, shape (n, 4, 4), None without
-            an object.
-        seated: the person sits, so that a seat is drawn.
-        held: a robot holds the object, so that one is drawn.
-        forces: of the object on the hands, world-aligned, shape (n, 3) or more [N]; None: unknown.
+        object_poses: contact frame of the held object in the world, shape (n, 4, 4), None
+            without an object.
+        seated: whether the person sits; a seat is then drawn.
+        held: whether a robot holds the object; a robot is then drawn.
+        forces: forces of the object on the hands, world-aligned, shape (n, 3) or more [N];
+            None: unknown.
     """
 
     body: Body
@@ -48,9 +49,9 @@ class Movement:
     forces: NDArray[np.float64] | None = None
 
     def at(self, samples: NDArray[np.int64]) -> Movement:
-        """Return some samples; a missing posture or pose is held from the last one before it.
+        """Return some samples. A missing posture or pose is replaced by the last one before it.
 
-        Without one before, it is taken from the first after.
+        If there is none before it, the first one after it is used.
         """
         shown = _held(samples, _finite(self.postures) & _finite(self.base_poses))
         objects = self.object_poses
@@ -71,7 +72,7 @@ class Movement:
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of n samples are numbers throughout."""
+    """Return which of n samples contain only finite numbers."""
     return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
 
 
@@ -87,11 +88,11 @@ def _held(samples: NDArray[np.int64], good: NDArray[np.bool_]) -> NDArray[np.int
 
 @dataclass(frozen=True)
 class Timing:
-    """Which samples a replay shows, and how fast.
+    """The samples that a replay shows, and its speed.
 
     Attributes:
         samples: number of the sample of each frame, shape (frames,).
-        frame_time: time a frame stays on the screen [s].
+        frame_time: duration of a frame on the screen [s].
         speed: movement time over replay time, 1 for real time.
     """
 
@@ -101,7 +102,7 @@ class Timing:
 
     @property
     def note(self) -> str:
-        """Say what the replay leaves out, in one sentence."""
+        """What the replay leaves out, in one sentence."""
         rate = (
             f"{1 / self.frame_time:.2g} frames per second" if self.frame_time else "a single frame"
         )
@@ -114,7 +115,7 @@ class Timing:
 
 
 def timing_of(time: NDArray[np.float64]) -> Timing:
-    """Choose the samples of a replay: at most 60 s and 30 frames per second, evenly spaced in time.
+    """Return the samples of a replay: at most 60 s and 30 frames per second, evenly spaced in time.
 
     Args:
         time: time of each sample, increasing, shape (n,) [s].
@@ -125,8 +126,8 @@ def timing_of(time: NDArray[np.float64]) -> Timing:
     speed = max(1.0, duration / LONGEST)
     steps = max(1, min(len(time) - 1, int(np.floor(duration / speed * FRAME_RATE + 1e-9))))
     moments = np.linspace(time[0], time[-1], steps + 1)
-    # Half a sample of tolerance: a moment that falls on a sample must not show the one before
-    # because of its last bit.
+    # Add a small tolerance, so that a moment exactly at a sample does not show the one before
+    # because of rounding.
     after = (
         np.searchsorted(time, moments + 0.5 * duration / (len(time) - 1) * 1e-6, side="right") - 1
     )

@@ -1,4 +1,4 @@
-"""A movement's 3-D scene, by viser in one page with a play bar that asks nothing of any server."""
+"""The 3-D scene of a movement, made with viser: one page with a play bar that needs no server."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 
 _OWN_COLOUR: Final = {"hair": (58, 52, 50), "right_foot": (58, 60, 66), "left_foot": (58, 60, 66)}
 _OBJECT_COLOUR: Final = (70, 84, 105)
-_SEAT_HEIGHT: Final = 0.05  # of the cushion [m]
+_SEAT_HEIGHT: Final = 0.05  # height of the cushion [m]
 _SEAT_COLOUR: Final = (176, 184, 193)
 _PATH_COLOUR: Final = (110, 126, 150)
 _FORCE_COLOUR: Final = (194, 65, 12)
 _FORCE: Final = 0.004  # length of a force in the scene [m/N]
-_LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
+_LABEL_ABOVE: Final = 0.07  # height of the score above the top of the head [m]
 
 
 def scene_html(movement: Movement, timing: Timing) -> str:
     """Return the replay as a page of its own.
 
-    A server is started on the loopback interface only because the scene is written by it; nothing
-    connects to it, and it is stopped before this returns.
+    A server is started on the loopback interface, because it writes the scene. Nothing
+    connects to it, and it is stopped before this function returns.
 
     Args:
-        movement: what happened.
-        timing: which samples are shown, from `ergoqp.report.body.replay.timing_of`.
+        movement: the movement.
+        timing: the samples to show, from `ergoqp.report.body.replay.timing_of`.
 
     Raises:
         MissingExtraError: if viser is not installed.
@@ -50,8 +50,7 @@ def scene_html(movement: Movement, timing: Timing) -> str:
     except ImportError:
         raise MissingExtraError("the report page", "report", "viser") from None
     shown = movement.at(timing.samples)
-    # The server announces itself on standard output, which belongs to the command that asked for
-    # the page.
+    # The server prints a message to standard output, which belongs to the calling command.
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
@@ -82,16 +81,16 @@ def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> st
         recording.insert_sleep(timing.frame_time)
         for actor in actors:
             actor.show(frame)
-    # The last frame stays for its time before the replay starts over.
+    # The last frame stays for its duration before the replay starts again.
     recording.insert_sleep(timing.frame_time)
     return _for_a_page(recording.as_html())
 
 
 def _for_a_page(scene: str) -> str:
-    """Return the scene as a good part of a page.
+    """Return the scene adapted to be part of a page.
 
-    It leaves the wheel to the page until it is clicked, has names for screen readers, and is dark
-    where the page is.
+    The mouse wheel scrolls the page until the scene is clicked. The scene has names for screen
+    readers, and it is dark if the page is dark.
     """
     own = resources.files("ergoqp.report.body").joinpath("replay.html").read_text(encoding="utf-8")
     end = scene.index("</head>")
@@ -99,7 +98,7 @@ def _for_a_page(scene: str) -> str:
 
 
 def _floor(movement: Movement, placement: Placement) -> float:
-    """Height of the floor: the lowest that a sole gets [m]."""
+    """Return the height of the floor: the lowest height of a sole [m]."""
     model = movement.body.model
     height = min(float(model.site(f"{side}_sole").pos[2]) for side in ("right", "left"))
     feet = [placement.of(f"{side}_ankle_inversion")[0][:, 2] for side in ("right", "left")]
@@ -107,7 +106,7 @@ def _floor(movement: Movement, placement: Placement) -> float:
 
 
 def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> None:
-    """Floor, light, and a camera in front and to the right of where the person looks at first."""
+    """Add floor, light, and a camera in front and to the right of the person's first direction."""
     pelvis = movement.base_poses[:, :3, 3]
     low, high = pelvis.min(axis=0), pelvis.max(axis=0)
     centre = (low + high) / 2
@@ -120,7 +119,8 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
         cell_size=0.25,
         section_size=1.0,
         position=(centre[0], centre[1], floor),
-        # No plane, and lines that are seen before white and before black: a page may be dark.
+        # No plane, and lines that are visible on white and on black, because a page may be
+        # dark.
         cell_color=(164, 171, 178),
         section_color=(128, 136, 144),
         cell_thickness=0.5,
@@ -132,8 +132,7 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
     forward = movement.base_poses[0, :3, 0]
     right = -movement.base_poses[0, :3, 1]
     middle = np.array([centre[0], centre[1], floor + 0.52 * movement.body.stature]) + 0.12 * forward
-    # Near enough for the person to fill the picture, far enough for the way walked to stay within
-    # it.
+    # Close enough for the person to fill the picture, and far enough to show the whole path.
     distance = max(1.6 * movement.body.stature, 0.9 * spread + 1.5)
     direction = 0.75 * forward + 0.85 * right + np.array([0, 0, 0.3])
     camera = server.initial_camera
@@ -145,7 +144,7 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
 def _set_seat(
     server: viser.ViserServer, pelvis: NDArray[np.float64], floor: float, stature: float
 ) -> None:
-    """Put a stool under the pelvis [m]."""
+    """Add a stool under the pelvis [m]."""
     top = float(pelvis[2]) - 0.045 * stature
     height = top - floor - _SEAT_HEIGHT
     if height <= 0:
@@ -161,7 +160,7 @@ def _set_seat(
 
 
 class _Person:
-    """The body: one frame per moving part of the model, one mesh per score on it."""
+    """The body: one frame per moving part of the model, and one mesh per score on it."""
 
     def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement) -> None:
         self._movement, self._placement = movement, placement
@@ -186,7 +185,7 @@ class _Person:
                 self._meshes.append((segment, mesh, level))
 
     def show(self, frame: int) -> None:
-        """Move the body to a frame and colour what changed."""
+        """Move the body to a frame, and update the colours that changed."""
         for i, handle in enumerate(self._frames):
             handle.position = coarse(self._placement.positions[frame, i])
             handle.wxyz = coarse(self._placement.quaternions[frame, i])
@@ -218,7 +217,7 @@ class _Words:
         )
 
     def show(self, frame: int) -> None:
-        """Say the score and the time of a frame."""
+        """Show the score and the time of a frame."""
         head, _ = self._placement.of("head")
         pelvis = self._movement.base_poses[frame]
         self._score.position = coarse(head[frame] + np.array([0, 0, self._top]))
@@ -243,7 +242,7 @@ def _time_text(movement: Movement, frame: int) -> str:
 
 
 class _Object:
-    """The held object: a small box at the contact, its frame, and the way it takes."""
+    """The held object: a small box at the contact, its frame, and its path."""
 
     def __init__(self, server: viser.ViserServer, poses: NDArray[np.float64]) -> None:
         self._poses = poses
@@ -251,8 +250,8 @@ class _Object:
         self._frame = server.scene.add_frame(
             "/object", axes_length=0.16, axes_radius=0.005, origin_radius=0.009
         )
-        # The box stands off along the x axis of the frame, the axis of the tool, so that it does
-        # not hide the hand.
+        # The box is offset along the x axis of the frame, the tool axis, so that it does not
+        # hide the hand.
         server.scene.add_box(
             "/object/box",
             dimensions=(0.09, 0.07, 0.07),
@@ -273,7 +272,7 @@ class _Object:
 
 
 class _Force:
-    """What the object presses on the hands with, as an arrow at the contact."""
+    """The force of the object on the hands, as an arrow at the contact."""
 
     def __init__(
         self, server: viser.ViserServer, poses: NDArray[np.float64], forces: NDArray[np.float64]

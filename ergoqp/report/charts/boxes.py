@@ -1,6 +1,6 @@
-"""Box plots of what was predicted, or reached, for each true score.
+"""Box plots of the predicted or reached values for each true score.
 
-This is the picture of the EPFL report's results.
+The results of the EPFL report are shown in the same way.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ def prediction_picture(
 ) -> None:
     """Write a picture (PNG or SVG) of the predicted values (n,) of the postures of each score (n,).
 
-    The black line is the perfect prediction. Boxes hold the middle half, whiskers reach 1.5 box
-    lengths, dots lie beyond.
+    The black line is the perfect prediction. Boxes contain the middle half, whiskers reach 1.5
+    box lengths, and dots are beyond.
 
     Raises:
         MissingExtraError: if matplotlib is not installed.

@@ -1,4 +1,4 @@
-"""The frame that all charts over time share: axes with units, grid, legend."""
+"""The frame of all charts over time: axes with units, grid, legend."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from ergoqp.report.charts import svg
 from ergoqp.report.charts.scales import Scale, thinned, words_of
 
 WIDTH: Final = 800.0
-"""Width of a chart on a page of its own width [px]."""
+"""Width of a chart on a page of full width [px]."""
 
 NARROW: Final = 390.0
-"""Width of a chart on a telephone [px], where a wide one's letters would be too small to read."""
+"""Width of a chart on a telephone [px]. The letters of a wide chart would be too small there."""
 
 _CHARACTER: Final = 7.0  # average width of a character at 12 px, a little generous [px]
 _LEGEND_ROW: Final = 20.0
 
 
 def width_of(words: str) -> float:
-    """Return roughly how wide a line of text is at 12 px [px]."""
+    """Return the approximate width of a line of text at 12 px [px]."""
     return _CHARACTER * len(words)
 
 
 class Plot:
-    """A rectangle of data with axes around it, to which lines and marks are added back to front.
+    """A rectangle of data with axes around it. Lines and marks are added from back to front.
 
     Args:
-        x: lowest and highest of the horizontal axis.
-        y: lowest and highest of the vertical axis.
-        x_label: with its unit.
-        y_label: with its unit.
-        legend: class of a line and its name, in order.
-        height: of the data's rectangle [px].
-        right: room beside it [px].
-        y_ticks: where to write numbers; None chooses round ones.
-        logarithmic: the horizontal axis is logarithmic.
-        width: of the chart [px].
+        x: lowest and highest value of the horizontal axis.
+        y: lowest and highest value of the vertical axis.
+        x_label: label with its unit.
+        y_label: label with its unit.
+        legend: class and name of each line, in order.
+        height: height of the data's rectangle [px].
+        right: room on its right side [px].
+        y_ticks: positions of numbers; None: round ones.
+        logarithmic: whether the horizontal axis is logarithmic.
+        width: width of the chart [px].
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Plot:
         logarithmic: bool = False,
         width: float = WIDTH,
     ) -> None:
-        """Lay out the frame."""
+        """Compute the layout of the frame."""
         ticks = list(y_ticks) if y_ticks is not None else Scale(*y, 0, 1).ticks(5)
         self.left = 34.0 + max((width_of(words_of(tick)) for tick in ticks), default=0.0)
         self.width = width
@@ -71,7 +71,7 @@ class Plot:
         self._front: list[str] = []
 
     def shade(self, low: float, high: float, words: str, **attributes: object) -> None:
-        """Shade between two values of y, behind everything, and name it at the right."""
+        """Shade between two values of y, behind everything, with a name on the right."""
         bottom, top = (
             self.y.at(float(np.clip(value, self.y.low, self.y.high))) for value in (low, high)
         )
@@ -92,7 +92,7 @@ class Plot:
     def line(
         self, x: NDArray[np.float64], y: NDArray[np.float64], style: str, *, steps: bool = False
     ) -> None:
-        """Draw a series, thinned to what can be seen.
+        """Draw a series, thinned to the visible resolution.
 
         Args:
             x: ascending, shape (n,).
@@ -108,7 +108,7 @@ class Plot:
         )
 
     def add(self, *elements: str) -> None:
-        """Add elements in front, at pixels from the scales `x` and `y`."""
+        """Add elements in front, at pixel positions from the scales `x` and `y`."""
         self._front += elements
 
     def picture(self, title: str, description: str) -> str:
@@ -151,7 +151,7 @@ def time_axis(scale: Scale, top: float, bottom: float, label: str) -> list[str]:
 
 
 def _legend(entries: Sequence[tuple[str, str]], left: float, right: float) -> tuple[list[str], int]:
-    """Return samples of lines with their names, wrapped into rows, and the number of rows."""
+    """Return line samples with their names, wrapped into rows, and the number of rows."""
     drawn: list[str] = []
     x, row = left, 0
     for style, name in entries:

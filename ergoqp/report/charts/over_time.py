@@ -15,7 +15,7 @@ from ergoqp.report.charts.scales import changes, padded, words_of
 from ergoqp.report.numbers import microseconds
 
 SERIES = ("s0", "s1", "s2", "s3")
-"""Classes of lines that stay apart, also without colour: they differ in their dashes."""
+"""Classes of lines that differ in their dashes, so they can be distinguished without colour."""
 
 
 def score_chart(
@@ -30,10 +30,10 @@ def score_chart(
 
     Args:
         time: shape (n,) [s].
-        final: exact score, 0 where there is none; shape (n,).
+        final: exact score, 0 without a score; shape (n,).
         cost: smooth cost, shape (n,), or None.
-        marks: time [s], score and name of what is pointed out.
-        width: of the chart [px].
+        marks: time [s], score and name of each mark.
+        width: width of the chart [px].
     """
     highest = max(8, int(final.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
@@ -64,7 +64,7 @@ def score_chart(
     if cost is not None:
         plot.line(time, cost, "cost")
     held = np.where(final > 0, final, np.nan).astype(float)
-    # Where nothing changes nothing is drawn; the last sample ends the line.
+    # Only changes are drawn, and the last sample ends the line.
     kept = np.unique(np.append(changes(final), len(final) - 1))
     plot.line(time[kept], held[kept], "score", steps=True)
     for at, score, name in marks:
@@ -90,12 +90,12 @@ def lines_chart(
     """Draw a few series over time.
 
     Args:
-        title: of the chart.
+        title: title of the chart.
         time: shape (n,) [s].
         series: name -> values, shape (n,); at most four.
-        y_label: with the unit.
-        from_zero: the vertical axis starts at zero.
-        width: of the chart [px].
+        y_label: label with the unit.
+        from_zero: whether the vertical axis starts at zero.
+        width: width of the chart [px].
     """
     low, high = padded(np.concatenate(list(series.values())), least=1e-3)
     legend = list(zip(SERIES, series, strict=False)) if len(series) > 1 else []
@@ -108,12 +108,12 @@ def lines_chart(
 
 
 def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float = WIDTH) -> str:
-    """Draw how long the control steps took, as a histogram over a logarithmic axis.
+    """Draw the durations of the control steps as a histogram over a logarithmic axis.
 
     Args:
         step_time: duration of each step [s], shape (n,).
         period: control period [s].
-        width: of the chart [px].
+        width: width of the chart [px].
     """
     lasted = 1e6 * step_time[np.isfinite(step_time) & (step_time > 0)]
     if not lasted.size:
@@ -133,7 +133,7 @@ def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float 
         plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True
     ):
         if value > 0:
-            # What a single slow step adds must stay visible.
+            # A single slow step must stay visible.
             height = max(plot.bottom - plot.y.at(value), 1.5)
             plot.add(
                 svg.element(
@@ -163,10 +163,10 @@ def shares_chart(
     """Draw shares of time as one bar.
 
     Args:
-        title: of the chart.
+        title: title of the chart.
         shares: name -> share, 0 to 1.
-        levels: colour level of each, -1 for what is not scored.
-        width: of the chart [px].
+        levels: colour level of each, -1 for no score.
+        width: width of the chart [px].
     """
     drawn: list[str] = []
     x, legend_x, legend_y = 0.0, 0.0, 68.0
@@ -225,7 +225,7 @@ def _span(values: NDArray[np.float64]) -> str:
 
 
 def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
-    """A dot with its name, on the side where there is room."""
+    """Return a dot with its name, on the side with room."""
     x, y = plot.x.at(at), plot.y.at(score)
     words = f"{name} {score}"
     to_the_left = x + 12 + width_of(words) > plot.right
@@ -241,7 +241,7 @@ def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
 
 
 def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]:
-    """Vertical lines with their names; a name that would touch one before it goes one row lower."""
+    """Return vertical lines with their names. A name that would touch an earlier one is lower."""
     lines: list[str] = []
     names: list[str] = []  # in front of all lines, with a halo
     ends: list[float] = []

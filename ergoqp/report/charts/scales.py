@@ -1,4 +1,4 @@
-"""Scales from data to pixels, their ticks, and thinning of long series that keeps every extreme."""
+"""Scales from data to pixels, their ticks, and thinning of long series that keeps all extremes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Scale:
         high: data at `end`.
         start: pixel.
         end: pixel; less than `start` for an axis that points up.
-        logarithmic: equal ratios are equally long; both ends are then positive.
+        logarithmic: whether the scale is logarithmic; both ends are then positive.
     """
 
     low: float
@@ -70,9 +70,9 @@ def padded(
     """Return an interval around finite values, with room at both ends.
 
     Args:
-        values: any shape; what is not finite is ignored.
-        share: room at each end, over the width.
-        least: smallest width, for values that are all the same.
+        values: any shape; values that are not finite are ignored.
+        share: room at each end, relative to the width.
+        least: smallest width, for values that are all equal.
     """
     finite = values[np.isfinite(values)]
     if not finite.size:
@@ -83,13 +83,13 @@ def padded(
 
 
 def words_of(value: float) -> str:
-    """Write a tick's number without trailing zeros or rounding errors."""
+    """Return the number of a tick as text without trailing zeros or rounding errors."""
     text = np.format_float_positional(value + 0.0, 6, unique=False, fractional=False, trim="-")
     return text.replace("-", "−")
 
 
 def columns_of(x: NDArray[np.float64], columns: int) -> NDArray[np.int64]:
-    """Return the column, 0 to `columns` - 1, that each ascending position x (n,) falls into."""
+    """Return the column, 0 to `columns` - 1, of each ascending position x (n,)."""
     width = float(x[-1] - x[0]) if len(x) else 0.0
     if width <= 0:
         return np.zeros(len(x), dtype=np.int64)
@@ -105,8 +105,8 @@ def thinned(x: NDArray[np.float64], y: NDArray[np.float64], columns: int = 700) 
 
     Args:
         x: ascending, shape (n,).
-        y: shape (n,); NaN where there is nothing. A column without any number becomes one NaN,
-            which interrupts a line.
+        y: shape (n,); NaN for no value. A column without any number becomes one NaN, which
+            interrupts a line.
         columns: number of columns, about one per pixel.
     """
     if len(x) <= 4 * columns:
@@ -127,7 +127,7 @@ def thinned(x: NDArray[np.float64], y: NDArray[np.float64], columns: int = 700) 
 
 
 def changes(values: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return where a new value starts in a series that holds its values.
+    """Return the positions at which a piecewise constant series changes its value.
 
     The first sample is one of them.
     """
@@ -141,7 +141,7 @@ def changes(values: NDArray[np.int64]) -> NDArray[np.int64]:
 def highest_per_column(
     x: NDArray[np.float64], values: NDArray[np.int64], columns: int = 700
 ) -> list[tuple[float, float, int]]:
-    """Return stretches (from, to, value) of a series that holds its values.
+    """Return stretches (from, to, value) of a piecewise constant series.
 
     Within a column the highest value wins.
 

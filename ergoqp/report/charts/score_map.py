@@ -1,6 +1,6 @@
 """A map of scores over two coordinates of the object's place.
 
-Each cell is numbered and in the colour of its action level.
+Each cell has a number and the colour of its action level.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ AXES: Final = (
     ("tilt up, deg", -180 / np.pi),
     ("turn to the left, deg", 180 / np.pi),
 )
-"""Label and factor of a place's five coordinates; a positive turn about y is down."""
+"""Label and factor of the five coordinates of a place. A positive turn about y is down."""
 
 NOT_REACHED: Final = "not reached"
 
@@ -34,9 +34,9 @@ COLOURS: Final = (
     *((f"level{level}", words) for level, words in enumerate(ACTION_LEVELS)),
     ("none", NOT_REACHED),
 )
-"""What the colours of a map mean: class of a chip, and words.
+"""Meaning of the colours of a map: class of a chip, and words.
 
-Blank is where the tool's axis may not be.
+Cells where the tool axis may not be are blank.
 """
 
 _WIDTH: Final = 430.0
@@ -47,11 +47,11 @@ _LEFT, _TOP, _RIGHT, _BELOW = 62.0, 12.0, 14.0, 46.0
 
 @dataclass(frozen=True)
 class Spot:
-    """A place that is pointed out.
+    """A marked place.
 
     Attributes:
-        point: of the object (5,), see `ergoqp.placing.group.search.Placing`.
-        name: beside it, empty for none.
+        point: place of the object (5,), see `ergoqp.placing.group.search.Placing`.
+        name: name beside it, empty for none.
         style: class of the dot, ``"spot"`` or ``"spot other"``.
     """
 
@@ -71,12 +71,12 @@ def score_map(
 
     Args:
         slice_: the places.
-        values: a score per place (v, h): 0 where not reached, -1 where the object may not be; means
-            may be fractions.
-        title: of the picture.
-        spots: places to point out, at their shadow on the map.
-        missing: (row, column) -> who cannot reach that place, for the pointer; None where there is
-            one person only.
+        values: score per place (v, h): 0 if not reached, -1 if the object may not be there;
+            means may be fractions.
+        title: title of the picture.
+        spots: marked places, projected onto the map.
+        missing: (row, column) -> who cannot reach that place, for the tooltip; None if there
+            is only one person.
     """
     x_label, x_factor = AXES[slice_.across]
     y_label, y_factor = AXES[slice_.up]
@@ -86,7 +86,7 @@ def score_map(
         (_WIDTH - _LEFT - _RIGHT) / len(columns), (_TALLEST - _TOP) / len(rows), _LARGEST_CELL
     )
     right, bottom = _LEFT + cell * len(columns), _TOP + cell * len(rows)
-    # The cell of a place has the place in its middle.
+    # Each cell has its place in the middle.
     x = Scale(min(columns), max(columns), _LEFT + cell / 2, right - cell / 2)
     y = Scale(min(rows), max(rows), bottom - cell / 2, _TOP + cell / 2)
     drawn = [

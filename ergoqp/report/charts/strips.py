@@ -1,4 +1,4 @@
-"""Charts with a row per thing: when it was so over time, and segments before and after."""
+"""Charts with one row per item: strips over time, and segments before and after."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ergoqp.report.charts.frame import WIDTH, time_axis, width_of
 from ergoqp.report.charts.scales import Scale, highest_per_column
 
 _ROW: Final = 26.0
-_WORDS: Final = 14.0  # room for words above a row [px]
+_WORDS: Final = 14.0  # room for the text above a row [px]
 _LONGEST_LABEL: Final = 30  # characters
-_THINNEST: Final = 2.4  # of a stretch, so that a single step can be seen [px]
+_THINNEST: Final = 2.4  # of a stretch, so that a single step is visible [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +25,10 @@ class Strip:
     """One row of a chart over time.
 
     Attributes:
-        name: what the row is.
-        values: shape (n,); 0 draws nothing, any other value draws the class of `styles`.
+        name: name of the row.
+        values: shape (n,); 0 draws nothing, any other value draws the class in `styles`.
         styles: value -> class and words.
-        note: at the end of the row.
+        note: text at the end of the row.
     """
 
     name: str
@@ -45,14 +45,14 @@ def strips_chart(
     *,
     width: float = WIDTH,
 ) -> str:
-    """Draw rows of coloured stretches over time; what is shorter than a pixel is still drawn.
+    """Draw rows of coloured stretches over time. A stretch shorter than a pixel is still drawn.
 
     Args:
-        title: of the chart.
-        description: what is to be seen.
+        title: title of the chart.
+        description: description of the contents.
         time: shape (n,) [s].
-        strips: the rows, from above.
-        width: of the chart [px]; on a narrow one, the words are above their row.
+        strips: the rows, from the top.
+        width: width of the chart [px]; on a narrow one the text is above its row.
     """
     over = width < WIDTH
     names = max((width_of(_short(strip.name)) for strip in strips), default=0)
@@ -97,12 +97,12 @@ def segments_strips(
     *,
     width: float = WIDTH,
 ) -> str:
-    """Draw every segment's score over time, in the colours of the body.
+    """Draw the score of every segment over time, in the colours of the body.
 
     Args:
         time: shape (n,) [s].
-        segments: name -> scores, 0 where there is none; shape (n,) each.
-        width: of the chart [px].
+        segments: name -> scores, 0 without a score; shape (n,) each.
+        width: width of the chart [px].
     """
     strips = []
     for name in palette.SEGMENTS:
@@ -124,12 +124,12 @@ def segments_strips(
 def segments_chart(
     before: Mapping[str, int], after: Mapping[str, int], *, width: float = WIDTH
 ) -> str:
-    """Draw each segment's score before and after, on the range that the sheet gives it.
+    """Draw the score of each segment before and after, over its range on the sheet.
 
     Args:
         before: segment -> score.
         after: segment -> score.
-        width: of the chart [px].
+        width: width of the chart [px].
     """
     over = width < WIDTH
     top, row, left = 62.0 if over else 44.0, 30.0, 118.0 if over else 130.0
@@ -188,7 +188,7 @@ def segments_chart(
 
 
 def _key(x: float, over: bool) -> list[str]:
-    """Return what the dots mean, in one line or in two."""
+    """Return the legend of the dots, in one line or in two."""
     after, y = (x + 90, 14.0)
     words = ["after, coloured by its points", "the track is the sheet's range"]
     lines = words if over else ["; ".join(words)]

@@ -1,4 +1,4 @@
-"""SVG as text: elements whose attributes and content are escaped."""
+"""SVG as text: elements with escaped attributes and contents."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ def element(name: str, content: str | Iterable[str] = "", /, **attributes: objec
     """Return one element.
 
     Args:
-        name: of the element.
-        content: markup inside it, already escaped; see `text` for words.
-        attributes: an underscore in a name stands for a hyphen, one at its end is dropped
-            (``class_``); numbers are written with two decimals; None leaves the attribute out.
+        name: name of the element.
+        content: markup inside it, already escaped; for words see `text`.
+        attributes: attributes; an underscore in a name becomes a hyphen, one at its end is
+            dropped (``class_``); numbers are written with two decimals; None omits the
+            attribute.
     """
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(number(value))}"'
@@ -33,21 +34,21 @@ def text(words: str, x: float, y: float, /, **attributes: object) -> str:
 
 
 def tooltip(words: str) -> str:
-    """Return what a browser shows when the pointer rests on the element around it."""
+    """Return the text that a browser shows when the pointer rests on the enclosing element."""
     return element("title", escape(words))
 
 
 def number(value: object) -> str:
-    """Write a value: numbers with at most two decimals, everything else as it is."""
+    """Return a value as text: numbers with at most two decimals, all else unchanged."""
     if isinstance(value, (float, np.floating)):
         return f"{value:.2f}".rstrip("0").rstrip(".")
     return str(value)
 
 
 def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False) -> str:
-    """Return path data through points; a point that is not finite interrupts the line.
+    """Return path data through points. A point that is not finite interrupts the line.
 
-    Points are written by how far they are from the one before, which is half as long.
+    Points are written relative to the one before, which is half as long.
 
     Args:
         x: shape (n,) [px].
@@ -55,7 +56,7 @@ def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False)
         steps: hold each value until the next point.
     """
     finite = np.isfinite(x + y)
-    # Tenths of a pixel as whole numbers: differences of rounded numbers do not drift.
+    # Use whole tenths of a pixel, so that differences of rounded numbers do not drift.
     across, down = (
         np.round(10 * np.where(finite, each, 0)).astype(int).tolist() for each in (x, y)
     )
@@ -81,14 +82,15 @@ def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False)
 def picture(
     content: Iterable[str], width: float, height: float, title: str, description: str
 ) -> str:
-    """Return a whole picture that scales with its place.
+    """Return a complete picture that scales with its place.
 
     Args:
         content: elements, back to front.
-        width: of the drawing [px].
-        height: of the drawing [px].
-        title: name of the picture, for screen readers.
-        description: what is to be seen, in a sentence or two with the numbers that matter.
+        width: width of the drawing [px].
+        height: height of the drawing [px].
+        title: name of the picture for screen readers.
+        description: description of the contents, one or two sentences with the important
+            numbers.
     """
     return element(
         "svg",

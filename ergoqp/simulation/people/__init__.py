@@ -1,4 +1,4 @@
-"""Who follows in tests and benchmarks: never the controller's own model."""
+"""Simulated people for tests and benchmarks. They are never the controller's own model."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ Example:
 
 
 def person_of_kind(kind: str, problem: Problem, seed: int, body: Body | None = None) -> Person:
-    """Return a person of a kind for a problem, the same for the same seed.
+    """Return a person of a kind for a problem. The same seed gives the same person.
 
     Args:
         kind: one of `KINDS`.
-        problem: what the person does; its response must be an `IkResponse`, of which only what it
-            says of the task is read: hands, tool, stance, seat.
-        seed: of the person.
-        body: the person's body; None: one that is drawn.
+        problem: the task; its response must be an `IkResponse`. Only its description of the
+            task is used: hands, tool, stance, seat.
+        seed: seed of the person.
+        body: body of the person; None: it is drawn.
 
     Raises:
-        InputError: for a kind that there is not.
+        InputError: if the kind does not exist.
 
     Example:
         >>> import ergoqp

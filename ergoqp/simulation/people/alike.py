@@ -1,4 +1,4 @@
-"""People built like the controller's model, with other numbers: they reach and relax."""
+"""People like the controller's model, but with other numbers: they reach and relax."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ergoqp.simulation.people.senses import Senses
 
 @dataclass(frozen=True)
 class Start:
-    """A loop's start: a posture, how it holds the object, where that is, where the soles stand."""
+    """Start of a loop: posture, pose of the object, grasp, and where the soles stand."""
 
     posture: np.ndarray
     pose: np.ndarray
@@ -31,10 +31,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Alike(ReachAndRelax, Person):
-    """A person who is the controller's model with other numbers.
+    """A person like the controller's model, but with other numbers.
 
     Attributes:
-        response: the person's own body, weights and comfort.
+        response: body, weights and comfort of the person.
     """
 
     kind: ClassVar[str] = "alike"
@@ -42,31 +42,31 @@ class Alike(ReachAndRelax, Person):
 
     @property
     def body(self) -> Body:
-        """The person's body."""
+        """Body of the person."""
         return self.response.body
 
     @property
     def comfort(self) -> np.ndarray:
-        """Posture that the person takes with nothing to reach for (32,) [rad]."""
+        """Posture of the person with nothing to reach for (32,) [rad]."""
         return self.response.comfort
 
     @property
     def footing(self) -> str:
-        """What carries the person, as a clause for people."""
+        """What supports the person, as a clause for people."""
         return self.response.footing
 
     def hold(
         self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0
     ) -> AlikeHolding:
-        """Return the person as they hold the object in a posture (32,) [rad]: no chance in it."""
+        """Return the person holding the object in a posture (32,) [rad]. The seed has no effect."""
         return self.holding(self.start_at(posture), senses)
 
     def holding(self, start: Start, senses: Senses | None = None) -> AlikeHolding:
-        """Return the person as they hold the object at a start, just now."""
+        """Return the person holding the object as at a start."""
         return AlikeHolding(self, start, senses or self.senses)
 
     def start_at(self, posture: np.ndarray) -> Start:
-        """Return the start in which the person holds the object in a posture (32,) [rad]."""
+        """Return the start with the person holding the object in a posture (32,) [rad]."""
         return Start(posture, self.contact(posture)[0], self.grasp(posture), self.stand(posture))
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -75,18 +75,18 @@ class Alike(ReachAndRelax, Person):
 
 
 def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Alike:
-    """Return a person alike for a problem, the same for the same seed.
+    """Return a person of the kind `alike` for a problem. The same seed gives the same person.
 
-    Joint weights are multiplied by log-uniform 0.5 to 2; the stature is within 0.10 m of the
-    controller's.
+    The joint weights are multiplied by log-uniform factors of 0.5 to 2. The stature is within
+    0.10 m of that of the controller's model.
 
     Args:
         problem: its response must be an `IkResponse`.
-        seed: of the person.
-        body: the person's body, None: of a drawn stature.
+        seed: seed of the person.
+        body: body of the person; None: one with a drawn stature.
 
     Raises:
-        InputError: if the problem's response is of another kind.
+        InputError: if the response of the problem is of another type.
 
     Example:
         >>> import ergoqp
@@ -110,28 +110,28 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Alik
 
 
 class AlikeHolding(Holding):
-    """A person alike from moment to moment.
+    """The state of a person of the kind `alike` who holds the object.
 
     Args:
-        person: who.
-        start: how they hold the object, and where.
-        senses: how late they follow.
+        person: the person.
+        start: how they hold the object, and where it is.
+        senses: the delay of the person.
     """
 
     def __init__(self, person: Alike, start: Start, senses: Senses) -> None:
-        """Hold the object as in `start`."""
+        """Start to hold the object as in `start`."""
         self._person, self.start, self.senses = person, start, senses
         self._posture, self.pose = start.posture.copy(), start.pose.copy()
         self._late: deque[np.ndarray] = deque()
 
     @property
     def person(self) -> Alike:
-        """Who it is."""
+        """The person."""
         return self._person
 
     @property
     def posture(self) -> np.ndarray:
-        """The person's true posture now (32,) [rad]."""
+        """True posture of the person now (32,) [rad]."""
         return self._posture
 
     @property
@@ -140,7 +140,7 @@ class AlikeHolding(Holding):
         return self.person.contact(self.posture)[1]
 
     def follow(self, pose: np.ndarray, dt: float) -> None:
-        """Follow where the object was before the person's delay; relax."""
+        """Follow the object with the person's delay, and relax."""
         if not self._late:
             self._late.extend([self.pose] * (1 + round(self.senses.delay / dt)))
         self.pose = pose
@@ -153,7 +153,7 @@ class AlikeHolding(Holding):
         )
 
     def rest(self, pose: np.ndarray) -> bool:
-        """Settle where the object is."""
+        """Settle with the object at a pose."""
         start = self.start
         posture, reached = self.person.settle(self.posture, pose, start.grasp, start.soles)
         self._posture, self.pose = posture, pose
@@ -161,7 +161,7 @@ class AlikeHolding(Holding):
         return reached
 
     def copy(self) -> Self:
-        """Return another who goes on from the same moment."""
+        """Return an independent copy of the state."""
         other = copy(self)
         other._late = self._late.copy()
         return other

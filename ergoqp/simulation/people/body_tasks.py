@@ -1,4 +1,4 @@
-"""Where a body's points are and how they move with it, straight from MuJoCo."""
+"""Positions of the points of a body, and how they move with it, from MuJoCo."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.way import turn_between
 
 BASE = 4
-"""Entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
+"""Number of entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
 
 _NOWHERE = np.eye(4)
 
 _UNMOVED_BY_BALANCE = ("neck", "shoulder", "elbow", "forearm", "wrist")
-"""Nobody balances with the neck or with the arms."""
+"""Joints that do not help to balance: neck and arms."""
 
 
 class BodyTasks:
-    """One body's kinematics at one placement after another.
+    """Kinematics of a body at a placement.
 
     A placement is pelvis x, y, z [m], yaw [rad], then the 32 joints [rad]: (36,).
 
     Args:
-        body: whose.
+        body: the body.
     """
 
     def __init__(self, body: Body) -> None:
-        """Load the body."""
+        """Load the model of the body."""
         self.model = body.model
         self._data = mujoco.MjData(self.model)
         self._sites = {self.model.site(number).name: number for number in range(self.model.nsite)}
@@ -43,7 +43,7 @@ class BodyTasks:
                 self._balances[BASE + number] = 0.0
 
     def place(self, placement: np.ndarray) -> None:
-        """Take a placement (36,); all that follows is of it."""
+        """Set the placement (36,). All other methods refer to it."""
         self._data.qpos[:] = placement
         mujoco.mj_kinematics(self.model, self._data)
         mujoco.mj_comPos(self.model, self._data)
@@ -56,11 +56,11 @@ class BodyTasks:
         return pose
 
     def point(self, site: str) -> np.ndarray:
-        """Return where a site is in the world (3,) [m]."""
+        """Return the position of a site in the world (3,) [m]."""
         return self._data.site_xpos[self._sites[site]].copy()
 
     def toward(self, site: str, want: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the motion (6,) that leads a site to a pose (4, 4), and its `jacobian`."""
+        """Return the motion (6,) of a site to a pose (4, 4), and its `jacobian`."""
         number, way = self._sites[site], np.empty(6)
         way[:3] = want[:3, 3] - self._data.site_xpos[number]
         way[3:] = turn_between(self._data.site_xmat[number].reshape(3, 3), want[:3, :3])
@@ -73,16 +73,16 @@ class BodyTasks:
         return moves
 
     def mass_centre(self) -> tuple[list[float], np.ndarray]:
-        """Return where the centre of mass is over the floor (2,) [m] and how it moves (2, 36).
+        """Return the centre of mass over the floor (2,) [m], and how it moves (2, 36).
 
-        Neck and arms carry it along, and are not moved for its sake.
+        Neck and arms move it too, but they are not moved for its sake.
         """
         moves = np.empty((3, self.size))
         mujoco.mj_jacSubtreeCom(self.model, self._data, moves, self._pelvis)
         return self._data.subtree_com[self._pelvis, :2].tolist(), moves[:2] * self._balances
 
     def feet(self) -> list[list[float]]:
-        """Return where heel and toe of each foot are (4, 3) [m]."""
+        """Return the positions of heel and toe of each foot (4, 3) [m]."""
         return self._data.site_xpos[self._feet].tolist()
 
     def step_within(
@@ -91,16 +91,16 @@ class BodyTasks:
         """Return the Newton step (36,) of mobile entries; others stop at the end of their range.
 
         Args:
-            placement: from which it goes (36,).
+            placement: placement before the step (36,).
             hessian: (36, 36).
-            pull: what the step follows (36,).
-            mobile: which entries may move (36,) bool.
+            pull: right side of the Newton equation (36,).
+            mobile: entries that may move (36,) bool.
         """
         lower, upper = self.lower - placement, self.upper - placement
         step = np.zeros(len(pull))
         for _ in range(4):
             if mobile.all():
-                # Most steps: nobody is at the end of a range, and nothing has to be left out.
+                # The usual case: no joint is at the end of its range, so all entries move.
                 step = _solved(hessian, pull)
             else:
                 free = np.flatnonzero(mobile)
@@ -142,7 +142,7 @@ class BodyTasks:
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the solution (n,) with a positive definite matrix (n, n): small, and solved often."""
+    """Return the solution (n,) with a small positive definite matrix (n, n). It is called often."""
     factor, solution = matrix.copy(), np.empty(len(right))
     mujoco.mju_cholFactor(factor, 0.0)
     mujoco.mju_cholSolve(solution, factor, right)

@@ -1,4 +1,4 @@
-"""What is drawn of a person, each thing apart."""
+"""Independent random generators for the properties of a person."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 
 def generators(kind: str, problem: str, seed: int) -> Iterator[np.random.Generator]:
-    """Yield the generators of a person's body, habits and senses.
+    """Yield the generators for body, habits and senses of a person.
 
-    Who is given another body keeps the rest, and no kind has the people of another.
+    With another body the other properties stay the same. Every kind has its own people.
 
     Args:
-        kind: of the person.
+        kind: kind of the person.
         problem: name of the problem.
-        seed: of the person.
+        seed: seed of the person.
     """
     said = [seed, *kind.encode(), 0, *problem.encode()]
     return (np.random.default_rng([*said, part]) for part in range(3))

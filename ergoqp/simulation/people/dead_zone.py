@@ -1,4 +1,4 @@
-"""`dead_zone`: only the arm goes along with small changes; large ones move the body anew."""
+"""`dead_zone`: only the arm follows small changes. Large ones move the body too."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ergoqp.simulation.people.soft_person import SoftPerson
 
 SHIFT: Final = 0.03
 TURN: Final = float(np.radians(10.0))
-"""The arm alone goes along as long as the object is this near [m], [rad]."""
+"""The arm alone follows as long as the object is within this distance [m] and angle [rad]."""
 
 _SETTLED: Final = 0.005
-"""The body stays as it is again once no joint is faster [rad/s]."""
+"""The body stops moving once no joint is faster than this [rad/s]."""
 
 
 _MISSES: Final = 5
-"""Steps after which a hand that is not where it holds wakes up the body."""
+"""Number of steps with a hand off its target after which the body starts to move."""
 
 _NUMBERED: Final = tuple(enumerate(JOINTS))
 
@@ -34,7 +34,7 @@ class DeadZoneHolding(SoftHolding):
     def __init__(
         self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
-        """Hold the object, the body at rest."""
+        """Hold the object, with the body at rest."""
         super().__init__(person, posture, senses, seed)
         self._settled_at, self._awake, self._in_vain = self.pose, False, 0
         arms = [number < 20 and joint.startswith(person.work.hands) for number, joint in _NUMBERED]
@@ -45,10 +45,10 @@ class DeadZoneHolding(SoftHolding):
         return super().mobile() if self._awake else self._arms
 
     def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
-        """Take one step; wake up for an object far from where the body last came to rest."""
+        """Take one step; the body moves for an object far from where the body came to rest."""
         error = pose_error(self._settled_at, target)
         far = np.linalg.norm(error[:3]) > SHIFT or np.linalg.norm(error[3:]) > TURN
-        # What the arm alone does not reach in a few steps moves the body too.
+        # If the arm alone does not reach the object in a few steps, the body moves too.
         self._in_vain = self._in_vain + 1 if self._miss > REACHED else 0
         self._awake = bool(self._awake or far or self._in_vain > _MISSES)
         change = super().advance(target, dt, besides)
@@ -58,7 +58,7 @@ class DeadZoneHolding(SoftHolding):
 
 
 class DeadZonePerson(SoftPerson):
-    """Follows with the arm, and with the body from time to time."""
+    """Follows the object with the arm, and with the body from time to time."""
 
     kind: ClassVar[str] = "dead_zone"
     manner: ClassVar[str] = "who follows small changes with the arm alone"

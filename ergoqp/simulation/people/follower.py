@@ -1,4 +1,4 @@
-"""`follower`: weighs hands, feet, balance and ease by weights of their own."""
+"""`follower`: weighs hands, feet, balance and ease with weights of their own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ergoqp.simulation.people.soft_person import SoftPerson
 
 
 class FollowerPerson(SoftPerson):
-    """Follows at once, with the whole body."""
+    """Follows the object at once, with the whole body."""
 
     kind: ClassVar[str] = "follower"
     manner: ClassVar[str] = "who weighs hands, feet, balance and ease in a way of their own"

@@ -1,4 +1,4 @@
-"""How hands hold the object: where its contact frame is, and which turns the grasp leaves free."""
+"""How the hands hold the object: its contact frame, and the turns that the grasp leaves free."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 
 AXIS: Final = {"along": (1.0, 0.0, 0.0), "thumb": (0.0, 0.0, 1.0)}
-"""The tool's axis in a grip's frame: out of the fist, or past the thumb."""
+"""The tool axis in the frame of a grip: out of the fist, or past the thumb."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """What a problem says of how the object is worked on, whoever does it.
+    """A problem's description of how the object is held, independent of the person.
 
     Attributes:
-        hands: that hold the object.
+        hands: hands that hold the object.
         stance: ``"standing"`` or ``"seated"``.
-        seat_height: height of the hip centres when seated [m]; None: set to the person.
+        seat_height: height of the hip centres when seated [m]; None: adapted to the person.
         tool: axis of the tool in the hand.
         free_about_tool: whether the hand may turn about it.
     """
@@ -39,7 +39,7 @@ class Work:
         """Return the work of a problem.
 
         Raises:
-            InputError: if its response does not say.
+            InputError: if its response is not an `IkResponse`.
         """
         said = problem.response
         if not isinstance(said, IkResponse):
@@ -50,15 +50,15 @@ class Work:
         return cls(said.hands, said.stance, said.seat_height, said.tool, said.free_about_tool)
 
     def contact(self, grips: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the object's contact frame (4, 4) where the hands' grips (4, 4) each are."""
+        """Return the contact frame of the object (4, 4) for the grips of the hands (4, 4) each."""
         return contact_of(grips, self.tool)
 
 
 def contact_of(grips: Sequence[np.ndarray], tool: str) -> np.ndarray:
-    """Return the contact frame (4, 4) [m] of grips (4, 4): x is the tool's axis.
+    """Return the contact frame (4, 4) [m] for grips (4, 4) each. Its x axis is the tool axis.
 
-    One hand: at the grip. Two hands: midway, y from the right grip to the left one, x as near as
-    that allows to the mean of the two tools' axes.
+    One hand: it is at the grip. Two hands: it is midway, y points from the right grip to the
+    left one, and x is as close as possible to the mean of the two tool axes.
     """
     frame = np.eye(4)
     frame[:3, 3] = np.mean([grip[:3, 3] for grip in grips], axis=0)

@@ -1,4 +1,4 @@
-"""How people like to hold themselves: postures and stiffness that they bring along."""
+"""Habits of people: preferred postures and stiffnesses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _EASE: Final[Mapping[str, tuple[float, float]]] = {
     "wrist_flexion": (-6.0, 6.0),
     "wrist_deviation": (2.0, 4.0),
 }
-"""Mean and standard deviation of the upper body's angles at ease, the hands at work [deg]."""
+"""Mean and standard deviation of the upper body's angles at ease, with the hands at work [deg]."""
 
 _LEGS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
     "standing": {
@@ -37,13 +37,13 @@ _LEGS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
     },
     "seated": {"hip_flexion": (84.0, 3.0), "knee_flexion": (84.0, 3.0)},
 }
-"""And of the legs."""
+"""The same for the legs."""
 
 _FREE_ARM: Final[Mapping[str, Mapping[str, float]]] = {
     "standing": {"shoulder_flexion": 4.0, "shoulder_abduction": 6.0, "elbow_flexion": 12.0},
     "seated": {"shoulder_flexion": 14.0, "shoulder_abduction": 6.0, "elbow_flexion": 68.0},
 }
-"""Where an arm rests that holds nothing [deg]: it hangs, or lies on the thigh."""
+"""Posture of an arm that holds nothing [deg]: it hangs, or lies on the thigh."""
 
 _SPREAD: Final[Mapping[str, float]] = {
     "trunk_flexion": 11.0,
@@ -66,22 +66,23 @@ _SPREAD: Final[Mapping[str, float]] = {
     "ankle_flexion": 14.0,
     "ankle_inversion": 9.0,
 }
-"""How far from ease each joint goes as readily as the others [deg]."""
+"""Deviation from ease at which every joint has the same cost [deg]."""
 
 _OWN_SPREAD: Final = (0.6, 1.7)
-"""Factor on these, drawn log-uniformly per person and joint."""
+"""Range of the factor on it, drawn log-uniformly per person and joint."""
 
 
 @dataclass(frozen=True)
 class Habits:
-    """How one person likes to hold themselves.
+    """Preferred posture and stiffness of one person.
 
     Attributes:
         comfort: posture at ease (32,) [rad].
-        spread: how far from it each joint goes as readily as the others (32,) [rad].
+        spread: deviation from it at which every joint has the same cost (32,) [rad].
         relaxation: time constant of coming to rest [s].
-        lean: how far ahead of the middle of the feet the centre of mass is carried [m].
-        steadiness: how far the centre of mass strays as readily as joints go by `spread` [m].
+        lean: preferred distance of the centre of mass ahead of the middle of the feet [m].
+        steadiness: deviation of the centre of mass with the same cost as a joint that moves by
+            `spread` [m].
     """
 
     comfort: np.ndarray
@@ -92,7 +93,7 @@ class Habits:
 
 
 def draw_habits(work: Work, rng: np.random.Generator) -> Habits:
-    """Return the habits of a person at a work."""
+    """Return random habits of a person for a work."""
     low, high = np.log(_OWN_SPREAD)
     factors = np.exp(rng.uniform(low, high, len(_SPREAD)))
     own = dict(zip(_SPREAD, factors, strict=True))
@@ -104,7 +105,7 @@ def draw_habits(work: Work, rng: np.random.Generator) -> Habits:
         is_free = side is not None and side not in work.hands and number < 20
         angle = _FREE_ARM[work.stance].get(name, 0.0) if is_free else ease.get(name, 0.0)
         if name == "ankle_inversion":
-            angle = ease.get("hip_abduction", 0.0)  # a leg turned out stands on a level sole
+            angle = ease.get("hip_abduction", 0.0)  # keeps the sole of an abducted leg level
         comfort[number] = np.radians(angle)
         spread[number] = np.radians(_SPREAD[name] * own[name])
     return Habits(

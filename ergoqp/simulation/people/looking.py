@@ -1,4 +1,4 @@
-"""`looking`: keeps the eyes on the work; neck and trunk go where the eyes need them."""
+"""`looking`: keeps the eyes on the work. Neck and trunk follow as the eyes need."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
 from ergoqp.simulation.people.soft_person import SoftPerson
 
 EYES: Final = np.array([0.090, 0.0, 0.060])
-"""Where the eyes are in the head of a person of 1.75 m, ahead of the top of the neck and up [m]."""
+"""Position of the eyes in the head of a person of 1.75 m, relative to the top of the neck [m]."""
 
 AT_EASE: Final = float(np.radians(15.0))
-"""The eyes rest this far below the head's level [rad] (the normal line of sight)."""
+"""Angle of the eyes at rest below the level of the head [rad] (the normal line of sight)."""
 
 RANGE: Final = np.radians([15.0, 15.0])
-"""And turn this far up or down, and sideways, before the head goes along [rad]."""
+"""Turn of the eyes up or down, and sideways, before the head follows [rad]."""
 
 _FIRM: Final = float(np.radians(5.0))
-"""How far beyond that they look as readily as joints go by their spread [rad]."""
+"""Gaze error with the same cost as a joint that moves by its spread [rad]."""
 
 
 class LookingHolding(SoftHolding):
     """A person who looks at what the hands do."""
 
     def wishes(self, target: np.ndarray) -> list[Wish]:
-        """Return what the person wants beside ease: to see the work too."""
+        """Return the wishes besides ease, including the wish to see the work."""
         return [*super().wishes(target), self._gaze(target[:3, 3])]
 
     def _gaze(self, work: np.ndarray) -> Wish:
-        """Return how far the eyes must turn beyond their range (2,): down, to the left."""
+        """Return the turn of the eyes beyond their range (2,): down, to the left, as a wish."""
         tasks, scale = self.person.tasks, self.person.body.stature / 1.75
         head, moves = tasks.frame("head"), tasks.jacobian("head")
         turn, offset = head[:3, :3], head[:3, :3] @ EYES * scale
@@ -43,7 +43,7 @@ class LookingHolding(SoftHolding):
         slopes = np.array(
             [[z * x / level, z * y / level, -level], [-y * far / level**2, x * far / level**2, 0.0]]
         )
-        # How the work moves in the head when the head turns and the eyes are carried along.
+        # Motion of the work in the frame of the head when the head moves with the eyes.
         turns, shifts = turn.T @ moves[3:], turn.T @ (moves[:3] - _cross(offset) @ moves[3:])
         helps = slopes / -far @ (_cross(seen) @ turns - shifts)
         helps[beyond == 0] = 0.0
@@ -56,7 +56,7 @@ def _cross(vector: np.ndarray) -> np.ndarray:
 
 
 class LookingPerson(SoftPerson):
-    """Follows, with the eyes on the work."""
+    """Follows the object and keeps the eyes on the work."""
 
     kind: ClassVar[str] = "looking"
     manner: ClassVar[str] = "who keeps the eyes on the work"

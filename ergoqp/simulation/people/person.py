@@ -1,4 +1,4 @@
-"""Who works on the object, and what they do from moment to moment: what every kind of person is."""
+"""The interface of simulated people: who they are, and what they do from moment to moment."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ergoqp.problem.way import straight
 from ergoqp.simulation.people.senses import Senses
 
 LET_GO = 0.12
-"""A hand this far from its grip has let go [m]: more than a delay explains at any allowed speed."""
+"""A hand this far from its grip has let go [m]. A delay cannot explain it at any allowed speed."""
 
 
 class Holding(ABC):
-    """A person with the object in hand, from moment to moment.
+    """The state of a person who holds the object.
 
     Attributes:
-        pose: the object's true contact frame in the world (4, 4) [m].
+        pose: true contact frame of the object in the world (4, 4) [m].
         gap: largest distance of a hand from where it holds the object [m].
-        senses: what lies between the person and what the controller sees of them.
-        force: of the object on the hands (6,) at the contact frame, world-aligned [N, N m]; not
-            finite for people without mass.
-        slipped: how often a hand has slipped so far.
+        senses: sensors between the person and the controller.
+        force: force of the object on the hands (6,) at the contact frame, world-aligned [N, N
+            m]; not finite for people without mass.
+        slipped: number of times that a hand has slipped so far.
         fallen: whether the person has fallen.
-        unbalanced: whether the centre of mass is outside what carries the person.
-        slid: how far a sole has been from where it was put, at most [m].
+        unbalanced: whether the centre of mass is outside the base of support.
+        slid: largest distance of a sole from where it was put [m].
     """
 
     pose: np.ndarray
@@ -43,12 +43,12 @@ class Holding(ABC):
     @property
     @abstractmethod
     def person(self) -> Person:
-        """Who it is."""
+        """The person."""
 
     @property
     @abstractmethod
     def posture(self) -> np.ndarray:
-        """The person's true posture now (32,) [rad]."""
+        """True posture of the person now (32,) [rad]."""
 
     @property
     @abstractmethod
@@ -57,16 +57,16 @@ class Holding(ABC):
 
     @abstractmethod
     def follow(self, pose: np.ndarray, dt: float) -> None:
-        """Live on for `dt` seconds while the robot takes the object to `pose` (4, 4) [m].
+        """Advance by `dt` seconds, while the robot moves the object to `pose` (4, 4) [m].
 
         Args:
-            pose: where the robot wants the object's contact frame at the end of this time.
-            dt: [s].
+            pose: pose of the contact frame that the robot wants at the end of this time.
+            dt: duration [s].
         """
 
     @abstractmethod
     def rest(self, pose: np.ndarray) -> bool:
-        """Come to rest, with nothing to disturb, while the object stays at `pose` (4, 4) [m].
+        """Come to rest, without disturbances, with the object at `pose` (4, 4) [m].
 
         Returns:
             Whether the object is reached there.
@@ -74,19 +74,19 @@ class Holding(ABC):
 
     @abstractmethod
     def copy(self) -> Self:
-        """Return another who goes on from the same moment."""
+        """Return an independent copy of the state."""
 
     def count_from_here(self) -> None:
-        """Begin anew to count slips, and how far soles slide."""
+        """Reset the number of slips, and the sliding distance of the soles."""
         self.slipped, self.slid = 0, 0.0
 
     def carry(self, pose: np.ndarray) -> bool:
         """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there.
 
-        The object stays at the last place on the way that is reached.
+        If it is not reached, the object stays at the last place on the way that is reached.
 
         Returns:
-            Whether that is `pose`.
+            Whether `pose` is reached.
         """
         for part in straight(self.pose, pose):
             before = self.copy()
@@ -97,15 +97,15 @@ class Holding(ABC):
 
 
 class Person(ABC):
-    """One person of a kind.
+    """One simulated person of a kind.
 
     Attributes:
-        kind: its name.
+        kind: name of the kind.
         manner: what people of the kind do, as a clause for people.
         body: lengths and mass.
-        senses: what lies between the person and what the controller sees of them.
-        comfort: posture that the person takes with nothing to reach for (32,) [rad].
-        footing: what carries the person, as a clause for people.
+        senses: sensors between the person and the controller.
+        comfort: posture of the person with nothing to reach for (32,) [rad].
+        footing: what supports the person, as a clause for people.
     """
 
     kind: ClassVar[str]
@@ -114,49 +114,49 @@ class Person(ABC):
     @property
     @abstractmethod
     def body(self) -> Body:
-        """The person's body."""
+        """Body of the person."""
 
     @property
     @abstractmethod
     def comfort(self) -> np.ndarray:
-        """Posture that the person takes with nothing to reach for (32,) [rad]."""
+        """Posture of the person with nothing to reach for (32,) [rad]."""
 
     @property
     @abstractmethod
     def footing(self) -> str:
-        """What carries the person, as a clause for people."""
+        """What supports the person, as a clause for people."""
 
     @property
     def senses(self) -> Senses:
-        """What lies between the person and what the controller sees of them."""
+        """Sensors between the person and the controller."""
         return Senses()
 
     @property
     def robot(self) -> DeclaredRobot | None:
-        """What is true of the robot that this person's simulation has of its own.
+        """Declaration of the robot that is part of this person's simulation.
 
-        None: it has none, and the object is where it is told to be.
+        None: there is no such robot, and the object is exactly where it is moved to.
         """
         return None
 
     @abstractmethod
     def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
-        """Return the person as they hold the object in a posture (32,) [rad], just now.
+        """Return the person holding the object in a posture (32,) [rad].
 
-        The world's origin is on the floor, midway between the soles (standing) or below the pelvis
-        (seated), x along the person's heading.
+        The origin of the world is on the floor, midway between the soles (standing) or below
+        the pelvis (seated), with x along the person's heading.
 
         Args:
-            posture: of which the object's place follows.
-            senses: how late the person follows; None: as this person does.
-            seed: of what the person does by chance.
+            posture: posture; the pose of the object follows from it.
+            senses: how late the person follows; None: the senses of this person.
+            seed: seed of what the person does at random.
         """
 
     def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
         """Return the person at rest with the object at `pose` (4, 4), or as near as they reach.
 
         Args:
-            pose: of the object, in the world of `hold`.
+            pose: pose of the object, in the world of `hold`.
             senses: as for `hold`.
             seed: as for `hold`.
         """
@@ -164,7 +164,7 @@ class Person(ABC):
 
     @abstractmethod
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Come to rest from comfort with the object at `pose` (4, 4) at once.
+        """Come to rest, from comfort, with the object at `pose` (4, 4).
 
         Returns:
             The posture (32,) [rad], and whether the object is reached.

@@ -1,4 +1,4 @@
-"""`pushed`: is jostled by others now and then, and comes back."""
+"""`pushed`: is pushed by others from time to time, and comes back."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ EVERY: Final = (3.0, 7.0)
 """Least and longest time between two pushes [s]."""
 
 LASTS: Final = 0.4
-"""How long a push lasts [s]."""
+"""Duration of a push [s]."""
 
 AWAY: Final = (0.04, 0.08)
-"""How far a push takes the base of the neck along the floor [m]."""
+"""Distance by which a push moves the base of the neck, parallel to the floor [m]."""
 
 _FIRMLY: Final = 0.01
-"""How far off that stays as readily as joints go by their spread [m]: a push is no suggestion."""
+"""Deviation with the same cost as a joint that moves by its spread [m]. A push is firm."""
 
 
 class PushedHolding(SoftHolding):
-    """A person who is pushed at the shoulders now and then."""
+    """A person who is pushed at the shoulders from time to time."""
 
     def __init__(
         self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
-        """Hold the object; the first push is to come."""
+        """Hold the object, and plan the first push."""
         super().__init__(person, posture, senses, seed)
         self._pushes = 0
         self._plan(0.0)
 
     def disturbance(self) -> list[Wish]:
-        """Return where a push wants the base of the neck."""
+        """Return the target of a push for the base of the neck, as a wish."""
         if self.time < self._next:
             return []
         tasks = self.person.tasks
@@ -50,7 +50,7 @@ class PushedHolding(SoftHolding):
         return [((begin + gone * self._way - have) / _FIRMLY, moves / _FIRMLY)]
 
     def _plan(self, now: float) -> None:
-        """Draw the next push: the same for the same seed, whatever the controller does."""
+        """Draw the next push. It depends on the seed only, not on the controller."""
         rng = np.random.default_rng([self.seed, 31, self._pushes])
         heading, self._pushes = rng.uniform(0, 2 * np.pi), self._pushes + 1
         self._next = now + float(rng.uniform(*EVERY))
@@ -59,7 +59,7 @@ class PushedHolding(SoftHolding):
 
 
 class PushedPerson(SoftPerson):
-    """Follows, between pushes."""
+    """Follows the object between pushes."""
 
     kind: ClassVar[str] = "pushed"
     manner: ClassVar[str] = "who is pushed every few seconds"

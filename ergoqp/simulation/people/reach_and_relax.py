@@ -1,4 +1,4 @@
-"""The mechanics of people built like the controller's model: they reach and relax."""
+"""The mechanics of people like the controller's model: they reach and relax."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from ergoqp.responses.stance import LEG_JOINTS, move_sole, with_bent_knees
 
 N = len(JOINTS)
 REACHED = 0.02
-"""A grip within this distance of where it should be counts as reached [m]."""
+"""A grip within this distance of its target counts as reached [m]."""
 REACHED_ANGLE = 0.15
-"""And its tool axis within this angle [rad]."""
+"""The tool axis must be within this angle too [rad]."""
 
 
 @dataclass(frozen=True)
 class ReachAndRelax:
-    """Which posture follows, and which posture is at rest; both depend on where the object is.
+    """How the posture follows the object, and which posture is at rest with the object at a place.
 
-    The posture moves by the person's own `IkResponse`; errors of the grip and of the soles are fed
-    back, so that nothing drifts. At rest the posture is the one nearest to comfort, in the person's
-    own weights, that keeps contact and ranges.
+    The posture moves by the person's own `IkResponse`. Errors of the grip and of the soles are
+    fed back, so that nothing drifts. The posture at rest is the one nearest to comfort, in the
+    person's own weights, that keeps contact and ranges.
 
     Attributes:
-        response: the person's own body, weights and comfort.
+        response: body, weights and comfort of the person.
     """
 
     response: IkResponse
 
     def __getstate__(self) -> dict[str, Any]:
-        """Go to another process as the fields: expressions cannot be sent and are rebuilt there."""
+        """Pickle as the fields: expressions cannot be sent to a process, and are rebuilt there."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @cached_property
     def _step(self) -> ca.Function:
-        """Function of one step of the person toward the targets.
+        """The function of one step of the person toward the targets.
 
         It is ``(q, locked, targets (4, 4 k), soles (4, 8), gain, relax) -> (step (32,), distance,
         angle)``.
 
-        The distance is the largest of grips and soles from where they should be [m].
+        The distance is the largest distance of a grip or a sole from its target [m].
         """
         response = self.response
         k = len(response.hands)
@@ -87,9 +87,9 @@ class ReachAndRelax:
         return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
 
     def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return one Newton step of the legs that brings the soles back to where they stand.
+        """Return one Newton step of the legs that moves the soles back to their place on the floor.
 
-        It comes with how far off they are [m].
+        The second value is their distance from it [m].
         """
         pelvis = self.response.contact()(q)[1]
         kinematics, bent = self.response.kinematics, with_bent_knees(q)
@@ -104,7 +104,7 @@ class ReachAndRelax:
             hip = kinematics.at(f"{side}_hip", q)[0]
             at_hip = ca.vertcat(error[:3] + ca.cross(error[3:], hip - position), error[3:])
             leg = move_sole(kinematics, bent, side, at_hip)
-            # Far from where it stands a leg must not jump to the other way of bending.
+            # Far from its place a leg must not jump to the other solution of its bend.
             step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * ca.fmin(
                 1, 0.1 / (ca.norm_inf(leg) + 1e-12)
             )
@@ -116,7 +116,7 @@ class ReachAndRelax:
         return soles_of(self.response)
 
     def stand(self, posture: np.ndarray) -> np.ndarray:
-        """Return where the soles are in the world at a posture (4, 8); they stay there."""
+        """Return the poses of the soles in the world at a posture (4, 8). They stay there."""
         return np.array(self._sole_poses(posture))
 
     def contact(self, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,9 +140,9 @@ class ReachAndRelax:
     ) -> tuple[np.ndarray, float, float]:
         """Return (next posture (32,), grip distance [m], tool angle [rad]) after one step.
 
-        The step is toward the grip targets (4, 4 k).
+        The step is toward the targets of the grips (4, 4 k).
 
-        Joints stop at the ends of their ranges and the others go on without them.
+        Joints stop at the ends of their ranges. The others continue without them.
         """
         locked = np.zeros(N)
         step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
@@ -195,7 +195,7 @@ class ReachAndRelax:
 
 
 def _pose_error(have: ca.SX, want: ca.SX) -> ca.SX:
-    """Motion (6,) that leads from one pose to another, to first order and bounded in the turn."""
+    """Return the motion (6,) from one pose to another, to first order, with a bounded turn."""
     turn = sum((ca.cross(have[:3, i], want[:3, i]) for i in range(3)), ca.SX(3, 1)) / 2
     return ca.vertcat(want[:3, 3] - have[:3, 3], turn)
 

@@ -1,4 +1,4 @@
-"""What lies between a person and what the controller sees and does."""
+"""The sensors and delays between a person and the controller."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ _ENDS: Final = {
     "drift_time": (1e-3, 3600.0),
     "lost": (0.0, 1.0),
 }
-"""Least and greatest of each of the `Senses`."""
+"""Least and greatest value of each number of `Senses`."""
 
 
 @dataclass(frozen=True)
 class Senses:
-    """What lies between a person and what the controller sees and does.
+    """The sensors and delays between a person and the controller.
 
     Attributes:
-        delay: from the object's motion to the person's [s].
-        hand_time: time constant of the hand's following, after the delay [s].
-        noise_deg: white noise of every angle of every frame, one standard deviation [deg].
-        drift_deg: slow drift of every angle, one standard deviation [deg].
-        drift_time: time in which the drift changes [s].
+        delay: delay from the object's motion to the person's [s].
+        hand_time: time constant with which the hand follows, after the delay [s].
+        noise_deg: standard deviation of the white noise of every angle of every frame [deg].
+        drift_deg: standard deviation of the slow drift of every angle [deg].
+        drift_time: time constant of the drift [s].
         lost: share of frames that do not arrive.
-        bias_deg: constant error of some joints' angles, by their names [deg].
+        bias_deg: constant error of the angles of some joints, by their names [deg].
     """
 
     delay: float = 0.15
@@ -46,7 +46,7 @@ class Senses:
     bias_deg: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the joints that read wrong."""
+        """Check the values and the names of the joints."""
         for name, ends in _ENDS.items():
             check_number(name, getattr(self, name), *ends)
         check_kind(
@@ -80,7 +80,7 @@ def frames(
 
 
 def draw_senses(rng: np.random.Generator) -> Senses:
-    """Return how late a person follows, 0 to 300 ms, and what is seen of them."""
+    """Return random senses, with a delay of 0 to 300 ms."""
     return Senses(
         delay=float(rng.uniform(0.0, 0.3)),
         hand_time=float(rng.uniform(0.04, 0.12)),

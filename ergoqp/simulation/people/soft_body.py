@@ -1,4 +1,4 @@
-"""What there is of a person with soft tasks: body, work, habits, and how they stand."""
+"""The constant parts of a person with soft tasks: body, work, habits, and how they stand."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ from ergoqp.simulation.people.senses import Senses
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 
 SOLE = np.repeat([3e-4, 3e-3], 3)
-"""How far a sole strays as readily as joints go by their spread [m], [rad]."""
+"""Displacement of a sole with the same cost as a joint that moves by its spread [m], [rad]."""
 
 _PELVIS = np.full(BASE, 0.25)
-"""How far the pelvis moves as readily as joints go by their spread [m], [rad]."""
+"""Displacement of the pelvis with the same cost as a joint that moves by its spread [m], [rad]."""
 
 
 _STANDS = 40
-"""Steps in which the legs bring the soles down flat."""
+"""Number of steps in which the legs put the soles flat on the floor."""
 
 
 class SoftBody(Person):
-    """What there is of a person with soft tasks: body, work, habits and how they stand.
+    """The constant parts of a person with soft tasks: body, work, habits, and how they stand.
 
     Args:
         body: lengths and mass.
-        work: what the person does.
-        habits: how they like to hold themselves.
-        senses: what lies between them and the controller.
+        work: how the person works on the object.
+        habits: preferred posture and stiffness.
+        senses: sensors between the person and the controller.
 
     Attributes:
-        tasks: the body's kinematics, at one placement after another.
-        grips: names of the sites that hold.
-        stiffness: of ease, per entry of the placement (36,).
-        damping: the same times the relaxation time [s].
-        mobile: which entries may move (36,) bool.
-        hanging: numbers of the joints of an arm that hangs.
+        tasks: kinematics of the body at a placement.
+        grips: names of the sites that hold the object.
+        stiffness: stiffness toward ease, per entry of the placement (36,).
+        damping: stiffness times the relaxation time [s].
+        mobile: entries that may move (36,) bool.
+        hanging: numbers of the joints of a hanging arm.
     """
 
     kind: ClassVar[str]
     manner: ClassVar[str]
 
     def __init__(self, body: Body, work: Work, habits: Habits, senses: Senses) -> None:
-        """Be this person."""
+        """Store the parts, and compute stiffness and damping."""
         self._body, self.work, self.habits, self._senses = body, work, habits, senses
         self.tasks = BodyTasks(body)
         self.grips = [f"{hand}_grip" for hand in work.hands]
-        # 1/2 |q - comfort|^2 over spreads; the pelvis has no place of its own, only its damping.
+        # 1/2 |q - comfort|^2 over spreads. The pelvis has no preferred place, only damping.
         self.stiffness = np.concatenate([np.zeros(BASE), habits.spread**-2])
         self.damping = habits.relaxation * np.concatenate([_PELVIS**-2, habits.spread**-2])
         self.mobile = np.ones(BASE + len(JOINTS), dtype=bool)
@@ -67,17 +67,17 @@ class SoftBody(Person):
 
     @property
     def body(self) -> Body:
-        """The person's body."""
+        """Body of the person."""
         return self._body
 
     @property
     def comfort(self) -> np.ndarray:
-        """Posture that the person takes with nothing to reach for (32,) [rad]."""
+        """Posture of the person with nothing to reach for (32,) [rad]."""
         return self.habits.comfort
 
     @property
     def senses(self) -> Senses:
-        """What lies between the person and what the controller sees of them."""
+        """Sensors between the person and the controller."""
         return self._senses
 
     @property
@@ -87,22 +87,23 @@ class SoftBody(Person):
 
     @cached_property
     def seat(self) -> float:
-        """Height of the hip centres when seated [m]: as the problem says, or for their own legs."""
+        """Height of the hip centres when seated [m]: the problem's, or else that of the legs."""
         given = self.work.seat_height
         return self.tasks.leg_height(self.comfort) if given is None else given
 
     @property
     def footing(self) -> str:
-        """What carries the person, as a clause for people."""
+        """What supports the person, as a clause for people."""
         if self.is_seated:
             return f"the pelvis stays on its seat, {self.seat:.2f} m high"
         return "the soles stay where they stand"
 
     def placed(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the placement (36,) of a posture (32,), and its soles (4, 4) each.
+        """Return the placement (36,) of a posture (32,), and the soles (4, 4) each.
 
-        Standing, the soles are flat on the floor; where the posture's are not, the legs are as near
-        to it as that allows. Seated, the seat is as high as the problem says, or as the legs need.
+        When standing, the soles are flat on the floor. If those of the posture are not, the
+        legs change as little as possible. When seated, the seat has the height of the problem,
+        or the height that the legs need.
         """
         tasks = self.tasks
         if self.is_seated:
@@ -131,7 +132,7 @@ class SoftBody(Person):
 
 
 def _flat(sole: np.ndarray) -> np.ndarray:
-    """Return a sole's frame (4, 4) turned level and brought to the floor."""
+    """Return the frame (4, 4) of a sole, levelled and moved to the floor."""
     flat, yaw = np.eye(4), math.atan2(sole[1, 0], sole[0, 0])
     flat[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
     flat[:2, 3] = sole[:2, 3]

@@ -1,12 +1,12 @@
-"""How a person who weighs everything against everything follows: heavily damped, to a balance.
+"""How a person with soft tasks follows: overdamped, toward the balance of all tasks.
 
-What the person wants is the lowest 1/2 |q - comfort|^2 over spreads, with the hands at their grips,
-the soles where they stand and the centre of mass over them as stiff springs beside it. They go
-there as a heavily damped body does, M dq/dt = pulls, by implicit Euler steps: stiff wishes are met
-at once, and ease is found within the relaxation time. The pulls are not quite those of an energy:
-neck and arms carry the centre of mass along and are not moved for its sake, and a hanging arm
-follows the trunk one way. So there may be more than one rest, and which one it is depends on the
-way there; `benchmarks.people` counts where.
+The person minimises 1/2 |q - comfort|^2 over spreads, with stiff springs that keep the hands
+at their grips, the soles in place and the centre of mass over them. The motion is that of an
+overdamped body, M dq/dt = pulls, by implicit Euler steps. Stiff wishes are met at once, and
+ease is reached within the relaxation time. The pulls are not exactly the gradient of an
+energy: neck and arms move the centre of mass but are not moved for its sake, and a hanging arm
+follows the trunk in one direction. So there may be more than one rest, and which one is
+reached depends on the path. `benchmarks.people` counts where.
 """
 
 from __future__ import annotations
@@ -26,67 +26,67 @@ from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_body import SOLE, SOLES, SoftBody
 
 PERIOD = 0.02
-"""A posture lasts this long [s]: people are seen at 50 Hz."""
+"""Duration of one posture [s]: people are seen at 50 Hz."""
 
 GRIP = np.repeat([1.5e-3, 0.03], 3)
-"""How far a grip strays as readily as joints go by their spread [m], [rad]."""
+"""Displacement of a grip with the same cost as a joint that moves by its spread [m], [rad]."""
 
 STRONGEST = 0.05
-"""Nobody pulls harder than at an object this far out of their grip [m]: it is no rope."""
+"""The pull of a hand does not grow beyond this distance of the object from the grip [m]."""
 
 RESTLESS = 0.01
-"""Whose joints still move faster after that does not come to rest [rad/s]: it is no place to be."""
+"""A person whose joints still move faster than this does not come to rest [rad/s]."""
 
 REACHED, REACHED_ANGLE = 0.01, 0.15
-"""The object is reached with the grips this near [m] and their axes this close [rad]."""
+"""The object is reached if the grips are this close [m], and their axes within this angle [rad]."""
 
 STILL = 2e-4
-"""Whose joints move less than this in a second is at rest [rad]."""
+"""A person whose joints move less than this in a second is at rest [rad]."""
 
 CARRIED = 0.3
-"""Time for which each part of a straight way is gone [s]."""
+"""Time for each part of a straight path [s]."""
 
 _PACE = (0.01, 4.0)
-"""Shortest and longest step of the way to rest [s]: near the end of its reach an arm overshoots."""
+"""Shortest and longest time step toward rest [s]. Near the end of its reach an arm overshoots."""
 
 _STEPS = 150
 _WAITS = 10
 _LARGEST = 0.2
-"""Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
+"""Largest step of a joint or of the pelvis [rad], [m]. Beyond it, all entries are scaled down."""
 
 _FASTEST = 2.5
-"""Nor does anything move faster [rad/s], [m/s]: beyond, arcs are no lines and soles are dragged.
+"""Largest speed of any entry [rad/s], [m/s]. Beyond it, arcs are not straight and soles drag.
 
-Objects that go 0.2 m/s ask for about 1 rad/s of an arm.
+An object at 0.2 m/s needs about 1 rad/s of an arm.
 """
 
 _LEVER = 0.5
-"""Of a limb [m]: how fast the slope of a hand's way turns with its joints."""
+"""Length of a limb [m]: how fast the slope of a hand's path turns with its joints."""
 
 _BESIDE = (0.0, 0.04)
-"""How far a foot reaches ahead of its toe and beside its middle [m]."""
+"""How far the support of a foot reaches ahead of its toe and beside its middle [m]."""
 
 _HANGS = 0.9
-"""Share of the trunk's bend that a hanging arm makes up for: it stays upright."""
+"""Share of the trunk's flexion that a hanging arm compensates, so that it stays vertical."""
 
 Wish = tuple[np.ndarray, np.ndarray]
-"""What is wanted (n,) and how the placement moves it (n, 36), over how far it strays as readily."""
+"""Error of a task (n,) and its Jacobian (n, 36), both divided by the allowed deviation."""
 
 
 class SoftHolding(Holding):
-    """A person with soft tasks from moment to moment.
+    """The state of a person with soft tasks who holds the object.
 
     Args:
-        person: who.
-        posture: in which they hold the object (32,) [rad].
-        senses: how late they follow.
-        seed: of what they do by chance.
+        person: the person.
+        posture: posture in which they hold the object (32,) [rad].
+        senses: the delay of the person.
+        seed: seed of what they do at random.
     """
 
     def __init__(
         self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
-        """Hold the object as the posture has it."""
+        """Hold the object as in the posture."""
         self._person, self.senses, self.seed = person, senses, seed
         self.placement, self.soles = person.placed(posture)
         tasks = person.tasks
@@ -98,12 +98,12 @@ class SoftHolding(Holding):
 
     @property
     def person(self) -> SoftBody:
-        """Who it is."""
+        """The person."""
         return self._person
 
     @property
     def posture(self) -> np.ndarray:
-        """The person's true posture now (32,) [rad]."""
+        """True posture of the person now (32,) [rad]."""
         return self.placement[BASE:].copy()
 
     @property
@@ -115,7 +115,7 @@ class SoftHolding(Holding):
         return pose
 
     def follow(self, pose: np.ndarray, dt: float) -> None:
-        """Follow where the object was before the person's delay."""
+        """Follow the object with the person's delay."""
         if not self._late:
             self._late.extend([self.pose] * round(self.senses.delay / dt))
         self.pose = pose
@@ -129,12 +129,12 @@ class SoftHolding(Holding):
         self._followed = between(self._followed, late, share)
         self.advance(self._followed, self._since, self.disturbance())
         self._since = 0.0
-        # How far the hands are from the object itself, which nobody follows at once.
+        # Distance of the hands from the object itself, which includes the delay.
         pairs = zip(self._hands, self._grasp, strict=True)
         self.gap = max(math.dist(hand, (pose @ grasp)[:3, 3]) for hand, grasp in pairs)
 
     def rest(self, pose: np.ndarray) -> bool:
-        """Come to rest, with nothing to disturb, while the object stays at `pose` (4, 4) [m]."""
+        """Come to rest, without disturbances, with the object at `pose` (4, 4) [m]."""
         self._arrive(pose)
         pace, speed = 0.1, np.inf
         for number in range(_STEPS):
@@ -143,7 +143,7 @@ class SoftHolding(Holding):
                 break
             pace *= 0.4 if speed > before else 1.5
             pace = min(max(pace, _PACE[0]), _PACE[1])
-        # What is missed is known before a step: once more, and nowhere.
+        # The errors are those before a step, so take one more step of zero length.
         self.advance(pose, 1e-9)
         self.gap = self._miss
         holds = self.gap < REACHED and self._angle < REACHED_ANGLE
@@ -155,7 +155,8 @@ class SoftHolding(Holding):
         for part in straight(self.pose, pose):
             self._arrive(part)
             self.advance(part, CARRIED)
-            # Known before the step: what the part before left, and a part.
+            # The errors are those before the step: the rest of the previous part, plus one
+            # part.
             lags = (
                 self._miss > LONGEST_SHIFT + REACHED or self._angle > LONGEST_TURN + REACHED_ANGLE
             )
@@ -165,7 +166,8 @@ class SoftHolding(Holding):
         else:
             if self.rest(pose):
                 return True
-        # Back, in ever longer strides, to where the person comes to rest with the object in hand.
+        # Go back, in longer and longer strides, to where the person comes to rest and holds
+        # the object.
         back = 1
         while True:
             vars(self).update(vars(kept[max(len(kept) - back, 0)].copy()))
@@ -174,7 +176,7 @@ class SoftHolding(Holding):
             back *= 2
 
     def _waited_for(self, pose: np.ndarray) -> bool:
-        """Wait with the object at `pose`; return whether the hands come there, in balance."""
+        """Wait with the object at `pose`, and return whether the hands arrive in balance."""
         for _ in range(_WAITS):
             self.advance(pose, CARRIED)
             if self._miss < REACHED and self._angle < REACHED_ANGLE and not self.unbalanced:
@@ -182,16 +184,16 @@ class SoftHolding(Holding):
         return False
 
     def copy(self) -> Self:
-        """Return another who goes on from the same moment."""
+        """Return an independent copy of the state."""
         other = copy(self)
         other._late = self._late.copy()
         return other
 
     def wishes(self, target: np.ndarray) -> list[Wish]:
-        """Return what the person wants beside ease, at the placement that `tasks` is at.
+        """Return the wishes of the person besides ease, at the present placement of `tasks`.
 
         Args:
-            target: where the hands take the object to be (4, 4) [m].
+            target: pose of the object that the hands follow (4, 4) [m].
         """
         person, tasks = self.person, self.person.tasks
         wishes, self._miss, self._angle, self._hands = [], 0.0, 0.0, []
@@ -217,11 +219,11 @@ class SoftHolding(Holding):
         return wishes
 
     def disturbance(self) -> list[Wish]:
-        """Return what draws the person besides, while they follow and not when they rest."""
+        """Return further wishes while the person follows, not at rest."""
         return []
 
     def mobile(self) -> np.ndarray:
-        """Return which entries of the placement may move now (36,) bool; not to be changed."""
+        """Return which entries of the placement may move now (36,) bool; do not change it."""
         return self.person.mobile
 
     def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
@@ -238,10 +240,10 @@ class SoftHolding(Holding):
         pull = error @ moves
         pull[BASE:] += (self._ease() - placement[BASE:]) * person.stiffness[BASE:]
         hessian = moves.T @ moves
-        # On the diagonal: ease, and the damping of M / dt.
+        # The diagonal contains ease, and the damping M / dt.
         diagonal = person.stiffness + person.damping / dt
-        # What pulls and cannot be had bends the energy too: without it a stretched arm or leg
-        # swings to and fro across the end of its reach.
+        # A pull that cannot be satisfied adds curvature. Without it a stretched arm or leg
+        # oscillates across the end of its reach.
         missed = min(self._miss, STRONGEST) - REACHED
         if missed > 0:
             diagonal = diagonal + missed * _LEVER / GRIP[0] ** 2
@@ -254,7 +256,7 @@ class SoftHolding(Holding):
         return min(largest, most)
 
     def _ease(self) -> np.ndarray:
-        """Return the posture at ease now (32,): an arm that holds nothing hangs down."""
+        """Return the posture at ease now (32,). An arm that holds nothing hangs down."""
         person = self.person
         if not person.hanging:
             return person.comfort
@@ -265,7 +267,7 @@ class SoftHolding(Holding):
     def _balance(self) -> Wish:
         tasks, habits = self.person.tasks, self.person.habits
         centre, moves = tasks.mass_centre()
-        # Plain numbers: there are eight of them, and this is done at every step.
+        # Plain floats are faster for eight numbers, and this runs at every step.
         a, b, c, d = ([x - centre[0], y - centre[1]] for x, y, _ in tasks.feet())
         x, y = b[0] + d[0] - a[0] - c[0], b[1] + d[1] - a[1] - c[1]
         length = math.hypot(x, y)
@@ -280,6 +282,6 @@ class SoftHolding(Holding):
         return error / habits.steadiness, moves / habits.steadiness
 
     def _arrive(self, pose: np.ndarray) -> None:
-        """Take the object to be at `pose` now: no delay is left."""
+        """Set the object to be at `pose` now, without any delay."""
         self.pose = self._followed = pose
         self._late.clear()

@@ -1,4 +1,4 @@
-"""A person who weighs everything against everything: hands, feet, balance and ease."""
+"""A person who weighs all tasks against each other: hands, feet, balance and ease."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from ergoqp.simulation.people.soft_holding import SoftHolding
 
 
 class SoftPerson(SoftBody):
-    """A person by whole-body inverse kinematics with soft tasks; see `SoftBody`."""
+    """A person simulated by whole-body inverse kinematics with soft tasks, see `SoftBody`."""
 
     holding: ClassVar[type[SoftHolding]] = SoftHolding
-    """What people of the kind do from moment to moment."""
+    """Class of the state of people of this kind."""
 
     @classmethod
     def drawn(cls, problem: Problem, seed: int, body: Body | None = None) -> Self:
-        """Return a person of the kind for a problem, the same for the same seed.
+        """Return a person of the kind for a problem. The same seed gives the same person.
 
-        Body, habits and senses are drawn apart: who is given another body keeps the rest.
+        Body, habits and senses are drawn independently. With another body the others stay the
+        same.
         """
         bodies, habits, senses = generators(cls.kind, problem.name, seed)
         work = Work.of(problem)
@@ -40,22 +41,22 @@ class SoftPerson(SoftBody):
 
     @classmethod
     def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
-        """Return how people of the kind hold themselves, who would else have these habits."""
+        """Return the habits of people of this kind, from habits drawn as for everybody."""
         return habits
 
     @classmethod
     def senses_of(cls, senses: Senses, rng: np.random.Generator) -> Senses:
-        """Return what is seen of people of the kind, who would else have these senses."""
+        """Return the senses of people of this kind, from senses drawn as for everybody."""
         return senses
 
     def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
-        """Return the person as they hold the object in a posture (32,) [rad], just now."""
+        """Return the person holding the object in a posture (32,) [rad]."""
         return self.holding(self, posture, senses or self.senses, seed)
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Return (posture at rest (32,) [rad], whether the object at `pose` is reached).
 
-        The object is carried there straight from where comfort holds it.
+        The object is carried there straight from its pose in comfort.
         """
         held = self.hold(self.comfort)
         reached = held.carry(pose)
@@ -64,7 +65,7 @@ class SoftPerson(SoftBody):
     def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
         """Return the person at rest with the object at `pose` (4, 4), carried there from comfort.
 
-        Whoever stepped on the way stands where they are then.
+        A person who stepped on the way stays at their new place.
         """
         held = self.hold(self.comfort, senses, seed)
         held.carry(pose)

@@ -1,4 +1,4 @@
-"""`stepping`: leans toward what is away, and steps after what is far."""
+"""`stepping`: leans toward an object that is away, and steps after one that is far."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
 from ergoqp.simulation.people.soft_person import SoftPerson
 
 STEP: Final = 0.20
-"""The object may be this far from where it is at ease before the person steps after it [m]."""
+"""Distance of the object from its place at ease beyond which the person steps after it [m]."""
 
 FARTHEST: Final = 0.60
-"""The person does not go farther than this from where they began [m]: there is the robot."""
+"""Largest distance of the person from where they began [m], because the robot is there."""
 
 _SWING: Final = 0.5
-"""Time in which a foot is put [s]; then the other."""
+"""Time in which one foot is moved [s]; then the other."""
 
 _LIFT: Final = 0.05
-"""How high a foot is lifted [m]."""
+"""Height to which a foot is lifted [m]."""
 
 _HESITATES: Final = 0.4
-"""How long the object is away before the person steps [s]."""
+"""Time for which the object is away before the person steps [s]."""
 
 _PART: Final = 0.1
-"""A foot goes its way in parts of this time where nobody else says [s]."""
+"""Longest time step in which a foot moves [s]."""
 
 _LONGEST_WAY: Final = 100
-"""Such parts after which nobody is still on the way."""
+"""Number of such steps after which every foot has arrived."""
 
 _LEANS: Final = {"trunk_flexion": 1.6, "trunk_side_bend": 1.6, "knee_flexion": 0.6}
-"""Factors on how far joints stray: the trunk leans before the knees bend."""
+"""Factors on the spread of joints: the trunk leans before the knees bend."""
 
 
 class SteppingHolding(SoftHolding):
-    """A person whose feet go after the object."""
+    """A person whose feet follow the object."""
 
     def __init__(
         self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
-        """Hold the object with both feet on the floor, where it is at ease relative to them."""
+        """Hold the object with both feet on the floor. Its place at ease is relative to them."""
         super().__init__(person, posture, senses, seed)
         own = SoftHolding(person, person.comfort, senses)
         self._at_ease = own.pose[:2, 3]
@@ -57,9 +57,9 @@ class SteppingHolding(SoftHolding):
         person.tasks.place(self.placement)
 
     def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
-        """Take one step of time; the feet go after an object that is away for long."""
+        """Take one step of time. The feet follow an object that is away for long."""
         while dt > _PART and np.isfinite(self._swing):
-            # A foot goes its way in parts, however long a step of time is.
+            # A foot moves in parts, however long a step of time is.
             self._advance(target, _PART, besides)
             dt -= _PART
         return self._advance(target, dt, besides)
@@ -77,7 +77,7 @@ class SteppingHolding(SoftHolding):
         return super().advance(target, dt, besides)
 
     def rest(self, pose: np.ndarray) -> bool:
-        """Come to rest, the feet first."""
+        """Come to rest, with the feet first."""
         self._arrive(pose)
         for _ in range(_LONGEST_WAY):
             self.advance(pose, _PART)
@@ -86,14 +86,14 @@ class SteppingHolding(SoftHolding):
         return super().rest(pose)
 
     def _put_feet(self, dt: float) -> None:
-        """Put one foot, then the other; a stool rolls with both."""
+        """Move one foot, then the other. A stool rolls with both."""
         self._swing += dt
         gone = [np.clip(self._swing / _SWING - number, 0.0, 1.0) for number in range(2)]
         if self._swing >= 2 * _SWING:
             self.feet, self._way, self._swing = self.feet + self._way, np.zeros(2), np.inf
         smooth = [share * share * (3 - 2 * share) for share in gone]
         if self.person.is_seated:
-            # The object of arrays is shared with copies: a new one every time.
+            # Copies share this array, so make a new one.
             placement = self.placement.copy()
             placement[:2] = self._seat + self.feet + np.mean(smooth) * self._way
             self.placement = placement
@@ -105,7 +105,7 @@ class SteppingHolding(SoftHolding):
 
 
 class SteppingPerson(SoftPerson):
-    """Follows with the feet too."""
+    """Follows the object with the feet too."""
 
     kind: ClassVar[str] = "stepping"
     manner: ClassVar[str] = "who leans toward the object and steps after it"
@@ -113,7 +113,7 @@ class SteppingPerson(SoftPerson):
 
     @classmethod
     def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
-        """Return how these people hold themselves: they lean."""
+        """Return the habits of these people: they lean."""
         spread = habits.spread.copy()
         for joint, number in INDEX.items():
             spread[number] *= next((by for name, by in _LEANS.items() if joint.endswith(name)), 1.0)
@@ -121,7 +121,7 @@ class SteppingPerson(SoftPerson):
 
     @property
     def footing(self) -> str:
-        """What carries the person, as a clause for people."""
+        """What supports the person, as a clause for people."""
         if self.is_seated:
             return f"the pelvis stays on a stool that rolls, {self.seat:.2f} m high"
         return f"the soles step after an object more than {100 * STEP:.0f} cm away"

@@ -1,4 +1,4 @@
-"""`stubborn`: has a favourite posture of their own, and leaves it for little."""
+"""`stubborn`: has a favourite posture and keeps as much of it as possible."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ _FAVOURITES: Final[tuple[Mapping[str, tuple[float, float]], ...]] = (
     # Bends the wrist and peers.
     {"wrist_flexion": (-24.0, 6.0), "wrist_deviation": (11.0, 4.0), "neck_flexion": (28.0, 6.0)},
 )
-"""Favourite postures, mean and standard deviation of what they differ by [deg]."""
+"""Favourite postures: mean and standard deviation of the joints in which they differ [deg]."""
 
 _FIRM: Final = 0.5
-"""Factor on how far the joints of a favourite posture stray."""
+"""Factor on the spread of the joints of a favourite posture."""
 
 
 class StubbornPerson(SoftPerson):
-    """Follows, and keeps what they can of a favourite posture."""
+    """Follows the object and keeps as much as possible of a favourite posture."""
 
     kind: ClassVar[str] = "stubborn"
     manner: ClassVar[str] = "who keeps what they can of a favourite posture"
 
     @classmethod
     def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
-        """Return how these people hold themselves: as they like it best."""
+        """Return the habits of these people, with a favourite posture."""
         comfort, spread = habits.comfort.copy(), habits.spread.copy()
         favourite = _FAVOURITES[rng.integers(len(_FAVOURITES))]
         mirrored = (-1.0, 1.0)[rng.integers(2)]

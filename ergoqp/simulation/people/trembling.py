@@ -1,4 +1,4 @@
-"""`trembling`: arms that shake, sensors that read wrong and lose frames."""
+"""`trembling`: arms that shake, and sensors with errors and lost frames."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ TREMOR: Final = (float(np.radians(0.3)), float(np.radians(1.2)))
 """Least and largest amplitude of a joint's tremor [rad]."""
 
 FREQUENCY: Final = (4.0, 8.0)
-"""Of a tremor [Hz]."""
+"""Least and largest frequency of a tremor [Hz]."""
 
 BIAS_DEG: Final = (4.0, 8.0)
-"""Standard deviation of the error with which a joint reads all the time, and the most [deg]."""
+"""Standard deviation and largest value of the constant error of each joint's angle [deg]."""
 
 LOST: Final = 0.05
 """Share of frames that do not arrive."""
 
 
 class TremblingHolding(SoftHolding):
-    """A person whose arms shake while they work; at rest, in judgement, they are held still."""
+    """A person whose arms shake while they work. At rest, for the judgement, they do not shake."""
 
     def __init__(
         self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
@@ -43,7 +43,7 @@ class TremblingHolding(SoftHolding):
 
     @property
     def posture(self) -> np.ndarray:
-        """The person's true posture now (32,) [rad]."""
+        """True posture of the person now (32,) [rad]."""
         steady = self.placement[BASE:]
         if not self._shakes:
             return steady.copy()
@@ -51,7 +51,7 @@ class TremblingHolding(SoftHolding):
         return steady + self._amplitude * np.sin(turns)
 
     def follow(self, pose: np.ndarray, dt: float) -> None:
-        """Follow, shaking."""
+        """Follow the object with a tremor."""
         self._shakes = True
         super().follow(pose, dt)
 
@@ -62,7 +62,7 @@ class TremblingHolding(SoftHolding):
 
 
 class TremblingPerson(SoftPerson):
-    """Follows, shaking, and is seen badly."""
+    """Follows the object with a tremor, and is measured badly."""
 
     kind: ClassVar[str] = "trembling"
     manner: ClassVar[str] = "whose arms shake, and whose angles read wrong"
@@ -70,7 +70,7 @@ class TremblingPerson(SoftPerson):
 
     @classmethod
     def senses_of(cls, senses: Senses, rng: np.random.Generator) -> Senses:
-        """Return what is seen of these people: every joint reads wrong, and frames are lost."""
+        """Return the senses of these people: constant errors of all joints, and lost frames."""
         sd, most = BIAS_DEG
         bias = np.round(np.clip(rng.normal(0.0, sd, len(JOINTS)), -most, most), 1)
         return replace(senses, lost=LOST, bias_deg=dict(zip(JOINTS, bias.tolist(), strict=True)))

@@ -1,6 +1,6 @@
 """The forearm as the state: elbow and wrist of the right arm, six numbers.
 
-The package holds its data, its true cost and its descents.
+The package contains its data, its true cost and its descents.
 """
 
 from ergoqp.studies.forearm.data import forearm_data as forearm_data

@@ -1,4 +1,4 @@
-"""Which joint angles allow which score: boxes of trunk and right arm, all else at its best."""
+"""Boxes of trunk and right arm angles that allow a score, with all other joints at their best."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ergoqp.sheets.options import Method, sheet_of
 Array = NDArray[np.float64]
 
 SLACK: Final = TIE / 10
-"""Angles keep this far from the ends of bands, so that rounding never decides [rad]."""
+"""Angles keep this distance from the ends of bands, so that rounding never matters [rad]."""
 
 Limits = tuple[int, ...]
 """Highest points that the band of each of `ARM_JOINTS` may give."""
@@ -30,13 +30,13 @@ Intervals = dict[int, list[tuple[float, float]]]
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """For each score the boxes of angles that reach it or less.
+    """For each score the boxes of angles with this score or less.
 
     Attributes:
-        scores: the scores that forearm points can have, ascending.
+        scores: the possible scores of forearm points, ascending.
         limits: per score, the largest boxes in which no posture scores more.
         intervals: per joint and highest points, the allowed intervals [rad].
-        rest: a posture whose neck, legs, left arm and right wrist are at their best, shape (32,)
+        rest: a posture with neck, legs, left arm and right wrist at their best, shape (32,)
             [rad].
     """
 
@@ -46,12 +46,13 @@ class Boxes:
     rest: Array
 
     def excess(self, angles: Array, missing: Array, score: int) -> Array:
-        """Return how far angles are outside a score's nearest box, joints together; 0 inside [rad].
+        """Return the distance of angles from the nearest box of a score, 0 inside [rad].
 
         Args:
-            angles: of `ARM_JOINTS`, shape (7, ...) [rad].
-            missing: added demand, 0 where the angles are a solution at all, shape (...).
-            score: the score to be reached or undercut.
+            angles: angles of `ARM_JOINTS`, shape (7, ...) [rad]; the distance is that of all
+                joints together.
+            missing: additional distance, 0 if the angles are a solution, shape (...).
+            score: the score that must not be exceeded.
         """
         outside: dict[tuple[int, int], Array] = {}
 
@@ -81,8 +82,8 @@ def boxes_of(method: Method) -> Boxes:
             (float(np.clip(0.0, low, high)) for low, high in intervals[min(intervals)]), key=abs
         )
     moved = [by_joint[joint] for joint in ARM_INDEX]
-    # One posture per combination of points, in a band that gives just these; the exact reading says
-    # what it scores.
+    # One posture per combination of points, in bands that give exactly these. The exact score
+    # is then computed from the sheet.
     combinations = np.array(list(itertools.product(*(sorted(intervals) for intervals in moved))))
     postures = np.tile(rest, (len(combinations), 1))
     for column, joint in enumerate(ARM_INDEX):
@@ -105,7 +106,7 @@ def _intervals_by_joint(method: Method) -> dict[int, Intervals]:
 
 
 def _intervals(step: StepFunction, lower: float, upper: float) -> Intervals:
-    """Return, per number of points a joint can get in its range, where it gets no more."""
+    """Return, per number of points that a joint can get in its range, where it gets no more."""
     ends = [-np.inf, *step.rises_at, np.inf]
     found: Intervals = {}
     for points in sorted(set(step.scores)):
@@ -125,9 +126,9 @@ def _intervals(step: StepFunction, lower: float, upper: float) -> Intervals:
 
 
 def _inside(intervals: Intervals, points: int) -> float:
-    """Return an angle that gives just these points.
+    """Return an angle that gives exactly these points.
 
-    It is at an end of the wider intervals that the narrower do not reach.
+    It is at an end of the wider intervals, outside the narrower ones.
     """
     ends = [angle for interval in intervals[points] for angle in interval]
     fewer = [interval for less in intervals if less < points for interval in intervals[less]]
@@ -137,7 +138,7 @@ def _inside(intervals: Intervals, points: int) -> float:
 
 
 def _largest(limits: NDArray[np.int64]) -> list[Limits]:
-    """Return the limits that lie within no others."""
+    """Return the limits that are not within others."""
     within = (limits[:, None] <= limits[None]).all(axis=-1)
     less = (limits[:, None] < limits[None]).any(axis=-1)
     return [tuple(row) for row in limits[~(within & less).any(axis=-1)].tolist()]

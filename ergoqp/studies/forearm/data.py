@@ -1,10 +1,10 @@
-"""The forearm's data set: elbow and wrist of random postures, clustered.
+"""The data set of the forearm: elbow and wrist of random postures, clustered.
 
-Of each cluster it holds only the lowest scores.
+Of each cluster only the points with the lowest score are kept.
 
-A posture's score has causes that elbow and wrist do not show: a bent neck, the other arm. The EPFL
-report's remedy (section 4.2.3) is elitist: cluster the points and keep those with the lowest score
-of their cluster. What is left is due to the forearm.
+The score of a posture has causes that elbow and wrist do not show, for example a bent neck or
+the other arm. The EPFL report (section 4.2.3) therefore clusters the points and keeps those
+with the lowest score of their cluster. Their score is due to the forearm.
 """
 
 from __future__ import annotations
@@ -31,16 +31,19 @@ SCORES: Final = range(1, 11)
 """Scores of the base postures."""
 
 EMPTY_DISTANCE: Final = 0.15
-"""Points farther from every base posture than this count as empty; both points together [m]."""
+"""A point is empty if it is farther than this from every base posture [m].
+
+It is the distance of both points together.
+"""
 
 EMPTY_SLOPE: Final = 10.0
-"""Rise of their label with the distance from the nearest posture [points/m].
+"""Slope of the label of an empty point with the distance from the nearest posture [points/m].
 
-It rises from the highest score on.
+The label starts at the highest score.
 """
 
 _MARGIN: Final = 0.15
-"""Empty points are looked for this far around the elbows of the base [m]."""
+"""Empty points are drawn up to this distance around the elbows of the base postures [m]."""
 _BLOCK: Final = 100_000
 _MOST_EMPTY: Final = 1_000_000
 
@@ -59,22 +62,24 @@ def forearm_data(
 
     Args:
         per_score: random postures of each score 1 to 10, before clustering.
-        seed: of the random numbers.
-        clusters: number of clusters, k-means in the six coordinates; None: one per four postures,
-            which keeps about a third of them, as in the EPFL report (2281 of 10 000).
+        seed: seed of the random numbers.
+        clusters: number of clusters of k-means in the six coordinates; None: one per four
+            postures, which keeps about a third of them, as in the EPFL report (2281 of 10000).
         body: the person; default: the nominal one.
-        empty: number of points added where no posture of the base is near, whether out of reach or
-            only rare. Their label is the highest score and more, the farther the higher: without
-            them a regression is free to be low where there were no data, and a descent ends there;
-            and with one label for all it is flat there, and a descent stays.
-        cache: keep the data set on disk, and read it from there when the same is asked for again.
-        progress: called now and then with the share that is done.
+        empty: number of points to add where no base posture is near, because it is out of
+            reach or rare. Their label is the highest score plus a term that grows with the
+            distance. Without these points a regression may be low where there were no data,
+            and a descent ends there. With one constant label it is flat there, and a descent
+            does not leave.
+        cache: keep the data set on disk, and read it from there when the arguments are the
+            same again.
+        progress: called from time to time with the share that is done.
 
     Returns:
         The data set, coordinates `ergoqp.coordinates.FOREARM` [m], in random order.
 
     Raises:
-        InputError: for numbers of postures, clusters or empty points that cannot be.
+        InputError: if the number of postures, clusters or empty points is out of range.
         MissingExtraError: if scikit-learn is not installed.
     """
     check_whole("per_score", per_score, 1, MOST_PER_SCORE)
@@ -108,13 +113,13 @@ def forearm_data(
 
 
 def nearest_sample_cost(points: ArrayLike, data: DataSet) -> Array:
-    """Return the label (n,) of the data point that is nearest to each point.
+    """Return the label (n,) of the nearest data point to each point.
 
-    It is the EPFL report's way to judge an end.
+    The EPFL report judges the end of a descent in this way.
 
     Args:
         points: shape (n, 6) [m].
-        data: with the same coordinates.
+        data: data with the same coordinates.
     """
     rows = read_points(points)
     squares = (data.points**2).sum(axis=1)
@@ -147,8 +152,8 @@ def _make(
 
 
 def _cluster(points: Array, clusters: int, seed: int) -> NDArray[np.int32]:
-    # With a few points per cluster random starts are as good as any; metres are metres, so nothing
-    # is scaled.
+    # With a few points per cluster random starts are good enough. All columns are in metres,
+    # so nothing is scaled.
     means = sklearn("cluster", "the forearm's data set").KMeans(
         clusters, init="random", n_init=1, max_iter=20, random_state=seed
     )
@@ -158,9 +163,10 @@ def _cluster(points: Array, clusters: int, seed: int) -> NDArray[np.int32]:
 def _empty_points(
     points: Array, count: int, length: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return pairs (count, 6) that are near to no posture's, and their labels (count,).
+    """Return pairs of points (count, 6) that are far from every posture's pair, and their labels.
 
-    The points of a pair are a forearm apart, in any direction.
+    The labels have the shape (count,). The points of a pair are a forearm apart, in any
+    direction.
     """
     low, high = points[:, :3].min(axis=0) - _MARGIN, points[:, :3].max(axis=0) + _MARGIN
     tree = sklearn("neighbors", "the forearm's data set").KDTree(points)

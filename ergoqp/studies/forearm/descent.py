@@ -1,11 +1,11 @@
 """Gradient descent in the six coordinates, as in the EPFL report (section 4.2.3).
 
-The constraints are measured against it.
+It is the baseline for the constraints of this package.
 
-The report's ways, in its order: the plain gradient, which tears the forearm apart (figure 20); the
-same with the length maintained (21); with the gradient of a one-class SVM added to stay near the
-data (22, 23); and one one-class SVM per score, from class i toward the class below (24, 25). Each
-is stopped by hand, where the estimated cost is 1.
+The variants of the report, in its order: the plain gradient, which changes the length of the
+forearm (figure 20); the same with the length kept (21); with the gradient of a one-class SVM
+added, to stay near the data (22, 23); and one one-class SVM per score, from class i toward the
+class below (24, 25). Each is stopped where the estimated cost is 1.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 Slope = Callable[[Array], tuple[Array, Array]]
-"""Points (n, 6) -> values (n,) and gradients (n, 6): what is descended."""
+"""Points (n, 6) -> values (n,) and gradients (n, 6) of the function to descend."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Many descents of one length.
+    """Many descents with the same number of steps.
 
     Attributes:
-        path: every point on the way, shape (steps + 1, n, 6) [m]; who stopped stays.
-        values: of what was descended (steps + 1, n).
+        path: all points on the way, shape (steps + 1, n, 6) [m]; a stopped descent stays where
+            it is.
+        values: values of the function along the way (steps + 1, n).
     """
 
     path: Array
@@ -37,7 +38,7 @@ class Descent:
 
     @property
     def ends(self) -> Array:
-        """Where each descent ended (n, 6) [m]."""
+        """End of each descent (n, 6) [m]."""
         return self.path[-1]
 
 
@@ -54,15 +55,15 @@ def descend(
     """Follow the negative gradient from many starts at once.
 
     Args:
-        slope: of what is descended.
+        slope: the function to descend.
         starts: shape (n, 6) [m].
         stop_at: a descent stops for good where the value is not above this; None: never.
-        length: maintained distance of elbow and wrist [m]: after each step both points move along
-            their line, each by half of what is missing, which is the orthogonal projection; None:
-            not maintained.
+        length: distance of elbow and wrist to keep [m]: after each step both points move along
+            their line, each by half of the difference, which is the orthogonal projection;
+            None: not kept.
         steps: number of steps.
         rate: step per gradient [m^2 per unit of the value].
-        longest: a step's largest length, both points together [m].
+        longest: largest length of a step, for both points together [m].
     """
     points = np.array(starts, dtype=float, ndmin=2)
     points = points if length is None else keep_length(points, length)
@@ -88,7 +89,7 @@ def descend(
 
 
 def keep_length(points: Array, length: float) -> Array:
-    """Return points (n, 6) whose two ends are `length` apart [m], the nearest to those given."""
+    """Return the nearest points (n, 6) to those given whose two ends are `length` apart [m]."""
     apart = points[:, 3:] - points[:, :3]
     distance = np.linalg.norm(apart, axis=1, keepdims=True)
     shift = apart * (length / distance - 1) / 2
@@ -96,9 +97,9 @@ def keep_length(points: Array, length: float) -> Array:
 
 
 def slope_of(function: ca.Function) -> Slope:
-    """Return a CasADi function ``x (6,) -> value, gradient (6,)`` for many points.
+    """Return a CasADi function ``x (6,) -> value, gradient (6,)`` as a function of many points.
 
-    It works as `value_and_gradient` of a cost.
+    An example is the `value_and_gradient` of a cost.
     """
 
     def slope(points: Array) -> tuple[Array, Array]:
@@ -109,14 +110,14 @@ def slope_of(function: ca.Function) -> Slope:
 
 
 def added(cost: Slope, margin: Slope, weight: float) -> Slope:
-    """Return the cost with the gradient of a one-class SVM added: toward its inside.
+    """Return the cost with the gradient of a one-class SVM added, which points inside.
 
-    The value is still the cost's.
+    The value stays that of the cost.
 
     Args:
-        cost: what is to become low.
-        margin: of the one-class SVM, positive inside.
-        weight: of its gradient [points per unit of the margin].
+        cost: the cost to descend.
+        margin: margin of the one-class SVM, positive inside.
+        weight: weight of its gradient [points per unit of the margin].
     """
 
     def slope(points: Array) -> tuple[Array, Array]:
@@ -127,15 +128,15 @@ def added(cost: Slope, margin: Slope, weight: float) -> Slope:
 
 
 def toward_class_below(margins: Sequence[Slope], scores: Sequence[float]) -> Slope:
-    """Return the slope that leads from class i into the one-class SVM of the class below it.
+    """Return the slope that leads from class i into the one-class SVM of the class below.
 
-    A point's class is the lowest whose SVM contains it, and where none does the one whose margin is
-    largest. The value is the score of this class; from the lowest class on the way leads further
-    into it.
+    The class of a point is the lowest whose SVM contains it. If none does, it is the one with
+    the largest margin. The value is the score of this class. In the lowest class the slope
+    leads further into it.
 
     Args:
-        margins: of the one-class SVMs, positive inside, by ascending score.
-        scores: of the classes, ascending.
+        margins: margins of the one-class SVMs, positive inside, by ascending score.
+        scores: scores of the classes, ascending.
     """
 
     def slope(points: Array) -> tuple[Array, Array]:

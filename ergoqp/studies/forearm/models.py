@@ -1,6 +1,6 @@
 """The learned models of the problem ``forearm``: two costs and the boundary of their data.
 
-This is how the shipped files were made.
+This module made the files that come with the package.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from ergoqp.progress import Progress
 from ergoqp.studies.forearm.data import forearm_data
 
 KERNELS = 800
-"""Support vectors kept of the regression, enough for descents to end where the full one's do."""
+"""Support vectors that are kept of the regression. The ends of descents then stay the same."""
 
 RUNG = 600
-"""Most points of a score that its one-class SVM is fitted to."""
+"""Largest number of points per score for the fit of its one-class SVM."""
 
 
 @dataclass(frozen=True)
 class ForearmModels:
-    """What `fit_forearm_models` fits.
+    """The models that `fit_forearm_models` fits.
 
     Attributes:
         svr: the regression on data with empty places labelled as the worst.
-        report_svr: the same machine without them, as in the EPFL report.
+        report_svr: the same regression without empty places, as in the EPFL report.
         ladder: one one-class SVM per score.
-        boundary: of all data.
+        boundary: boundary of all data.
     """
 
     svr: LearnedCost
@@ -48,7 +48,7 @@ class ForearmModels:
     def save(self, folder: Path) -> None:
         """Write ``forearm_svr.npz``, ``forearm_ladder.npz`` and ``forearm_boundary.npz``.
 
-        They are what the problem needs.
+        These are the files that the problem needs.
         """
         self.svr.save(folder / "forearm_svr.npz")
         self.ladder.save(folder / "forearm_ladder.npz")
@@ -61,11 +61,11 @@ def fit_forearm_models(
     """Fit all models of the forearm.
 
     Args:
-        per_score: postures of each score of the base, see `forearm_data`.
-        rows: most points of the data that each machine is fitted to, and as many empty places for
-            the second one.
-        seed: of the data.
-        progress: called now and then with the share that is done.
+        per_score: base postures of each score, see `forearm_data`.
+        rows: largest number of data points for the fit of each machine, and the number of
+            empty places for the second one.
+        seed: seed of the data.
+        progress: called from time to time with the share that is done.
 
     Raises:
         MissingExtraError: if scikit-learn is not installed.
@@ -96,7 +96,8 @@ def fit_forearm_models(
 def _machine(data: DataSet) -> LearnedCost:
     """Fit a regression with wide kernels.
 
-    It is to lead, and the labels are noisy by their causes elsewhere.
+    It must give a useful gradient, and the labels are noisy because of causes outside the
+    forearm.
     """
     mean, scale = data.points.mean(axis=0), data.points.std(axis=0)
     machine = sklearn("svm", "fitting a kernel cost").SVR(
@@ -112,12 +113,12 @@ def _machine(data: DataSet) -> LearnedCost:
 
 
 def _ladder(data: DataSet, rng: np.random.Generator) -> OneClassLadder:
-    """Fit a ladder to as many points of each score, without scores that have next to none.
+    """Fit a ladder to at most `RUNG` points of each score, without scores that have fewer than 20.
 
-    Each rung is the core of its class, two thirds of it: a wider one also holds places that only
-    its neighbours reach, or nobody. The calibration is for predictions: here classes overlap so
-    much that it would flatten the ladder. A rung that counts what its score does is what a descent
-    wants.
+    Each rung is the core of its class, two thirds of it. A wider one also contains places that
+    only neighbouring classes reach, or no posture. The calibration of the ladder is made for
+    predictions. Here the classes overlap so much that it would flatten the ladder. For a
+    descent each rung should count as much as its score.
     """
     scores, counts = np.unique(data.labels, return_counts=True)
     scores = scores[counts >= 20]

@@ -1,12 +1,12 @@
-"""The true cost of a forearm: the lowest sheet score over all postures.
+"""The true cost of a forearm: the lowest sheet score over all its postures.
 
-They are those of the whole body that put elbow and wrist there.
+These are the postures of the whole body that put elbow and wrist there.
 
-Neck, legs, left arm, right wrist and pronation are free, so they are at their best. What is left is
-a search over trunk and right arm: side bend and twist of the trunk are looked at on a grid,
-everything else follows in closed form (`ergoqp.human.forearm`). A score that no grid point reaches
-but some nearly do is looked for again around these, on ever finer grids, so that a narrow set of
-postures is found too.
+Neck, legs, left arm, right wrist and pronation are free, so they take their best values. What
+remains is a search over trunk and right arm. Side bend and twist of the trunk are on a grid,
+and everything else follows in closed form (`ergoqp.human.forearm`). If no grid point reaches a
+score but some nearly do, the search continues around these on finer and finer grids. So a
+narrow set of postures is found too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ergoqp.studies.forearm.boxes import Boxes, boxes_of
 Array = NDArray[np.float64]
 
 LENGTH_TOLERANCE: Final = 1e-6
-"""No posture reaches points whose distance differs from the forearm's length by more [m]."""
+"""Points whose distance differs from the length of the forearm by more are out of reach [m]."""
 
 _BEND_DEG: Final = (-40, -33, -26, -19, -14, -10, -7, -3.5, 0, 3.5, 7, 10, 14, 19, 26, 33, 40)
 _TWIST_DEG: Final = (
@@ -63,20 +63,20 @@ _SHOULDER_DEG: Final = (
     *range(45, 91, 11),
     *range(105, 176, 14),
 )
-"""Nodes of the grids: dense where angles cost little."""
+"""Nodes of the grids, dense where the angles score low."""
 
 _CELL: Final = np.radians(7)
-"""Widest spacing of the grid [rad]."""
+"""Largest spacing of the grid [rad]."""
 _STEEP: Final = 6
-"""Finer grids look for a score that the coarser misses by less than this many of its cells."""
+"""A finer grid is used if a score is missed by less than this many cells."""
 _SEEDS: Final = 10
-"""Local best points that are followed."""
+"""Number of local minima that are followed."""
 _LEVELS: Final = 14
-"""How often the cells are halved."""
+"""How many times the cells are halved."""
 _STAR: Final = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), axis=-1).reshape(-1, 2)
-"""Where a finer grid looks around a seed, in cells."""
+"""Points of a finer grid around a seed, in cells."""
 _BLOCK: Final = 64
-"""Points at a time, so that a block stays within the cache."""
+"""Number of points at a time, so that a block fits in the cache."""
 
 
 def true_cost(
@@ -90,10 +90,10 @@ def true_cost(
         method: how the sheet is read; the default follows the publication.
 
     Returns:
-        Scores, shape (n,); 0 where no posture reaches the points, or they are not finite.
+        Scores, shape (n,); 0 if no posture reaches the points, or they are not finite.
 
     Raises:
-        InputError: for points of another shape.
+        InputError: if the shape of the points is wrong.
     """
     return true_posture(points, body, method)[1]
 
@@ -101,16 +101,16 @@ def true_cost(
 def true_posture(
     points: ArrayLike, body: Body | None = None, method: Method | None = None
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return a posture of the lowest score for each pair of points, and the score.
+    """Return a posture with the lowest score for each pair of points, and the score.
 
-    The arguments are as for `true_cost`.
+    The arguments are those of `true_cost`.
 
     Returns:
-        Postures, shape (n, 32) [rad], NaN where no posture reaches the points; and scores, shape
-        (n,), 0 there.
+        Postures, shape (n, 32) [rad], NaN if no posture reaches the points; and scores, shape
+        (n,), 0 in that case.
 
     Raises:
-        InputError: for points of another shape.
+        InputError: if the shape of the points is wrong.
     """
     rows, method = read_points(points), read_method(method)
     search = _Search(arm_of(body or Body()), boxes_of(method))
@@ -129,13 +129,13 @@ def true_posture(
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """A way to look at all postures of given points: two joints on a grid, the others solved for.
+    """A way to enumerate all postures of given points: two joints on a grid, the others solved for.
 
     Attributes:
-        solve: a method of `Arm`: (arm, points, first, second) -> angles (7, n, 4 m), missing (n, 4
-            m).
-        joints: the two, as indices of `ARM_JOINTS`.
-        nodes: of the grid (2, rows, columns) [rad].
+        solve: a method of `Arm`: (arm, points, first, second) -> angles (7, n, 4 m), missing
+            (n, 4 m).
+        joints: the two joints on the grid, as indices of `ARM_JOINTS`.
+        nodes: nodes of the grid (2, rows, columns) [rad].
     """
 
     solve: Callable[[Arm, Array, Array, Array], tuple[Array, Array]]
@@ -145,7 +145,7 @@ class _Grid:
     def local_best(self, excess: Array) -> NDArray[np.int64]:
         """Return the columns (n, seeds) of the lowest local minima.
 
-        Each of the four solutions is looked at by itself.
+        Each of the four solutions is searched separately.
         """
         field = excess.reshape(len(excess), 4, *self.nodes.shape[1:])
         padded = np.pad(field, ((0, 0), (0, 0), (1, 1), (1, 1)), constant_values=np.inf)
@@ -156,7 +156,7 @@ class _Grid:
     def around(self, angles: Array, chosen: NDArray[np.int64], cell: float) -> tuple[Array, Array]:
         """Return finer grids (n, seeds x star) of the two joints around chosen columns.
 
-        They stay within the joints' ranges.
+        They stay within the ranges of the joints.
         """
         finer = []
         for joint, star in zip(self.joints, _STAR.T, strict=True):
@@ -190,7 +190,7 @@ class _Search:
         self.arm, self.boxes = arm, boxes
 
     def best(self, points: Array) -> Array:
-        """Return lowest-score angles (n, 7) of `ARM_JOINTS` [rad], NaN where nothing reaches."""
+        """Return lowest-score angles (n, 7) of `ARM_JOINTS` [rad], NaN if no posture reaches."""
         found = np.full((len(points), len(ARM_JOINTS)), np.nan)
         rows = np.arange(len(points))
         solved = [
@@ -217,9 +217,9 @@ class _Search:
     def _refine(
         self, grid: _Grid, points: Array, angles: Array, missing: Array, score: int
     ) -> Array:
-        """Return angles (n, 7) inside the boxes of a score, NaN where none is found.
+        """Return angles (n, 7) inside the boxes of a score, NaN if none is found.
 
-        The search starts from the whole grid's angles.
+        The search starts from the angles of the whole grid.
         """
         found = np.full((len(points), len(ARM_JOINTS)), np.nan)
         rows, cell = np.arange(len(points)), _CELL
@@ -239,7 +239,7 @@ class _Search:
 
 
 def _best_of_stars(excess: Array) -> NDArray[np.int64]:
-    """Return the best column of each seed's star (n, seeds), so one valley never takes them all."""
+    """Return the best column of each seed's star (n, seeds), so that no valley takes all seeds."""
     stars = (
         excess.reshape(len(excess), 4, _SEEDS, len(_STAR))
         .transpose(0, 2, 1, 3)

@@ -1,4 +1,4 @@
-"""The MuJoCo model of one person: ``models/person_with_mass.xml`` scaled, weighed and muscled."""
+"""The MuJoCo model of one person: ``models/person_with_mass.xml`` scaled, with mass and muscles."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ergoqp.simulation.people.mass.segments import Sex, inertias
 from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT, per_joint
 
 PERSON_DOFS: Final = 6 + len(JOINTS)
-"""Pelvis (shift in the world, turn in its own axes), then the joints; the object's come after."""
+"""Pelvis (shift in the world, turn in its own axes), then the joints. The object's come after."""
 
 ROBOT_GROUP: Final = 1
 HAND_GROUP: Final = 2
-"""Actuator groups of the robot and of the hands, so that they can let go."""
+"""Actuator groups of the robot and of the hands, so that each can let go."""
 
 BALL_END: Final = 0.18 / (FRACTIONS["foot_length"] * NOMINAL_STATURE)
 """How far the sole reaches ahead of the ankle, as a share of the foot's length."""
 
 ON_OBJECT: Final = "_object"
-"""Ends the name of the object's site that a hand's site holds."""
+"""Ending of the name of the site on the object that a site of a hand holds."""
 
-# What scales the x, y and z offsets of everything that is attached to a body of the model.
+# Scales of the x, y and z offsets of everything that is attached to a body of the model.
 _SCALED_BY: Final = {
     "pelvis": ("girth", "hip_width", "girth"),
     "trunk": ("girth", "shoulder_width", "trunk"),
@@ -46,13 +46,13 @@ _NOT_PERSON: Final = ("world", "robot", "object")
 def build(
     body: Body, sex: Sex, hands: tuple[str, ...], axis: np.ndarray, free: bool, seat: float | None
 ) -> mujoco.MjModel:
-    """Return the model of a person with the object, the robot and, seated, the seat.
+    """Return the model of a person with the object, the robot and, when seated, the seat.
 
     Args:
         body: lengths and mass.
-        sex: of which the shares of mass are.
-        hands: that hold the object.
-        axis: of the tool in the grip's frame (3,).
+        sex: sex, for the shares of mass.
+        hands: hands that hold the object.
+        axis: axis of the tool in the frame of the grip (3,).
         free: whether a hand may turn about it.
         seat: height of the hip centres above the floor [m]; None: the person stands.
     """
@@ -70,7 +70,7 @@ def build(
 
 
 def holding_points(model: mujoco.MjModel) -> list[str]:
-    """Return the names of the sites with which the hands hold, the right one's first."""
+    """Return the names of the sites with which the hands hold, those of the right hand first."""
     names = (model.site(number).name for number in range(model.nsite))
     return [name for name in names if "_hold_" in name and not name.endswith(ON_OBJECT)]
 
@@ -101,7 +101,7 @@ def _scale(spec: mujoco.MjSpec, body: Body) -> None:
         if site.parent.name not in _NOT_PERSON:
             site.pos = np.asarray(site.pos) * scale_of(site.parent.name)
     for name in ("eyes", "head_top"):
-        # Above the base of the neck is first the neck, then the head.
+        # From the base of the neck upward, first the neck is scaled, then the head.
         site = spec.site(name)
         above = float(site.pos[2]) / factor["head"] - FRACTIONS["neck"] * NOMINAL_STATURE
         site.pos = [site.pos[0], 0.0, body.lengths["neck"] + above * factor["head"]]
@@ -143,7 +143,7 @@ def _add_grasps(spec: mujoco.MjSpec, hands: tuple[str, ...], axis: np.ndarray, f
     held = spec.body("object")
     offsets = HABITS.grasp_lever * np.array([axis, -axis])
     if not free:
-        # A third point beside the axis: the hand cannot turn about it either.
+        # With a third point beside the axis the hand cannot turn about it.
         beside = np.cross(axis, [0.0, 1.0, 0.0])
         offsets = np.vstack([offsets, HABITS.grasp_lever * beside])
     for side in hands:
@@ -154,7 +154,8 @@ def _add_grasps(spec: mujoco.MjSpec, hands: tuple[str, ...], axis: np.ndarray, f
             name = f"{side}_hold_{number}"
             at = np.asarray(grip.pos) + turn.reshape(3, 3) @ offset
             grip.parent.add_site(name=name, pos=at, group=4)
-            # Where on the object is known when it is taken; at its origin it could not be moved.
+            # The position on the object is set when the hand takes hold. A site at the origin
+            # could not be moved.
             held.add_site(name=f"{name}{ON_OBJECT}", pos=offset, group=4)
             for direction in range(3):
                 spring = _spring(
@@ -169,7 +170,7 @@ def _add_grasps(spec: mujoco.MjSpec, hands: tuple[str, ...], axis: np.ndarray, f
 
 
 def _add_robot(spec: mujoco.MjSpec) -> None:
-    """Let the robot hold the object by an impedance toward where it wants it."""
+    """Let the robot hold the object by an impedance toward its target."""
     spec.body("object").mass = SOFT_ROBOT.load
     for number in range(6):
         shift = number < 3
@@ -186,7 +187,7 @@ def _add_robot(spec: mujoco.MjSpec) -> None:
 
 
 def _spring(spec: mujoco.MjSpec, name: str, stiffness: float, damping: float) -> mujoco.MjsActuator:
-    """Add a spring and damper whose control is the length at which it rests."""
+    """Add a spring and damper. Its control is its rest length."""
     actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.gainprm[0] = stiffness
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE

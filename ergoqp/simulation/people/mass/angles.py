@@ -1,4 +1,4 @@
-"""Between the simulated pelvis, which tilts, and ergoqp's postures, whose pelvis is upright."""
+"""Conversion between the simulated pelvis, which tilts, and postures, whose pelvis is upright."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 
 from ergoqp.joints import INDEX
 
-# Columns of the joints that a pelvis' tilt goes to, and the signs of their axes against y, x, z.
+# Columns of the joints that take up the tilt of a pelvis, and the signs of their axes relative
+# to y, x, z.
 _CARRIERS: Final = tuple(
     (np.array([INDEX[name] for name in names]), np.array(signs, dtype=float))
     for names, signs in (
@@ -22,18 +23,18 @@ _CARRIERS: Final = tuple(
 def upright(rotation: np.ndarray) -> np.ndarray:
     """Return the upright frame (3, 3) with the heading of a pelvis (3, 3)."""
     x, y = rotation[0, 0], rotation[1, 0]
-    if np.hypot(x, y) < 0.1:  # Face down or up: its left side tells the heading.
+    if np.hypot(x, y) < 0.1:  # Face down or up: its left side gives the heading.
         x, y = rotation[1, 1], -rotation[0, 1]
     x, y = np.array([x, y]) / np.hypot(x, y)
     return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
 
 
 def reported(rotation: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Return the posture (32,) whose pelvis is upright and all other segments where they are.
+    """Return the posture (32,) with an upright pelvis and all other segments in the same pose.
 
     Args:
-        rotation: of the pelvis in the world (3, 3).
-        angles: of the simulated hinges (32,) [rad].
+        rotation: rotation of the pelvis in the world (3, 3).
+        angles: angles of the simulated hinges (32,) [rad].
     """
     tilt = upright(rotation).T @ rotation
     posture = angles.copy()

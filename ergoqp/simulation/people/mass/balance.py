@@ -1,4 +1,4 @@
-"""What carries a person, and the joint torques that hold the body up on it."""
+"""The support of a person, and the joint torques that hold the body up on it."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ergoqp.simulation.people.mass.ground import shared
 from ergoqp.simulation.people.mass.vectors import cross
 
 _SEAT_SHARE: Final = 8.0
-"""How many times rather a point of the seat carries than one of a sole."""
+"""How much more a point of the seat carries than one of a sole."""
 
 _MOST_ACCELERATION: Final = 2.0
-"""Of the centre of mass, that the person asks of the floor [m/s^2]."""
+"""Largest acceleration of the centre of mass that the person demands of the floor [m/s^2]."""
 
 
 class Support:
-    """The corners on which a person stands or sits, and who they push.
+    """The corners on which a person stands or sits, and the forces on them.
 
     Args:
-        model: of the person.
+        model: model of the person.
         seated: whether the pelvis is on a seat.
         feet: whether the soles reach the floor.
 
     Attributes:
-        on_feet: whether they do.
-        bodies: numbers of the bodies that carry.
+        on_feet: whether the soles reach the floor.
+        bodies: numbers of the supporting bodies.
     """
 
     def __init__(self, model: mujoco.MjModel, seated: bool, feet: bool) -> None:
-        """Read the corners off the model's boxes."""
+        """Read the corners from the boxes of the model."""
         self._model, self._pelvis = model, int(model.body("pelvis").id)
         self.on_feet = feet
         self.bodies, self._corners, self._shares = [], [], []
@@ -48,7 +48,7 @@ class Support:
             self._shares.append(_SEAT_SHARE)
 
     def corners(self, data: mujoco.MjData) -> list[np.ndarray]:
-        """Return the corners of every carrying body in the world (k, 3) [m], outer ones first."""
+        """Return the corners of every supporting body in the world (k, 3) [m], outer ones first."""
         return [
             data.xpos[body] + corners @ data.xmat[body].reshape(3, 3).T
             for body, corners in zip(self.bodies, self._corners, strict=True)
@@ -59,23 +59,23 @@ class Support:
         return data.subtree_com[self._pelvis][:2].copy()
 
     def speed(self, data: mujoco.MjData) -> np.ndarray:
-        """Return how fast it moves (2,) [m/s]."""
+        """Return the velocity of this place (2,) [m/s]."""
         mujoco.mj_subtreeVel(self._model, data)
         return data.subtree_linvel[self._pelvis][:2].copy()
 
     def carries(self, data: mujoco.MjData) -> bool:
-        """Return whether the centre of mass is above what carries the person."""
+        """Return whether the centre of mass is above the base of support."""
         away = np.vstack(self.corners(data))[:, :2] - self.centre(data)
         angles = np.sort(np.arctan2(away[:, 1], away[:, 0]))
         gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
         return bool(gaps.max() < np.pi)
 
     def shift(self, data: mujoco.MjData, load: np.ndarray) -> np.ndarray:
-        """Return where a load takes the pressure, from below the centre of mass (2,) [m].
+        """Return how far a load shifts the pressure from below the centre of mass (2,) [m].
 
         Args:
             data: kinematics.
-            load: on the person's coordinates (38,).
+            load: load on the person's coordinates (38,).
         """
         below = np.append(self.centre(data), 0.0)
         torque = data.xmat[self._pelvis].reshape(3, 3) @ load[3:6]
@@ -84,13 +84,13 @@ class Support:
         return np.array([torque[1], -torque[0]]) / weight
 
     def push(self, data: mujoco.MjData, wrench: np.ndarray) -> list[np.ndarray]:
-        """Return what each body pushes with (6,), at its origin, so that the wrench results.
+        """Return the push of each body (6,), at its origin, that together give a wrench.
 
-        The corners share it with least squares, and none pulls.
+        The corners share it by least squares, and none pulls.
 
         Args:
             data: kinematics.
-            wrench: force and torque about the pelvis' origin that are wanted (6,) [N, N m].
+            wrench: wanted force and torque about the origin of the pelvis (6,) [N, N m].
         """
         outer = [points[:4] for points in self.corners(data)]
         levers = np.vstack(outer) - data.xpos[self._pelvis]
@@ -109,9 +109,9 @@ class Support:
 
         Args:
             data: kinematics and bias forces.
-            sway: acceleration of the centre of mass that is wanted (2,) [m/s^2].
+            sway: wanted acceleration of the centre of mass (2,) [m/s^2].
             ready: load that the arms are ready to carry, on the person's coordinates (38,).
-            felt: load that the legs stand up to (38,).
+            felt: load that the legs brace against (38,).
         """
         bias = data.qfrc_bias[:PERSON_DOFS]
         turn = data.xmat[self._pelvis].reshape(3, 3)
@@ -131,7 +131,7 @@ class Support:
 
 
 def _under(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Return the lower corners (4, 3) of a box in its body's frame: the two in the back first."""
+    """Return the lower corners (4, 3) of a box in its body's frame, the two in the back first."""
     geom = model.geom(name)
     x, y, z = geom.size
     return geom.pos + np.array([[-x, -y, -z], [-x, y, -z], [x, -y, -z], [x, y, -z]])

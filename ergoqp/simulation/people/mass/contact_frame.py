@@ -1,4 +1,4 @@
-"""Frames of a person's model: of its sites, and of the object in the hands."""
+"""Frames of a person's model: those of its sites, and that of the object in the hands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person does from tick to tick: think where to be, and tell the muscles."""
+"""The control of a person with mass, from tick to tick: the plan and the commands to muscles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ergoqp.simulation.people.mass.planner import Planner
 from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT, per_joint
 
 _STEPS: Final = 2
-"""Steps of the planner in one thought."""
+"""Steps of the planner in one update of the plan."""
 
 _STIFFNESS: Final = per_joint("stiffness")
 _DAMPING: Final = per_joint("damping")
@@ -30,19 +30,19 @@ _ARMS: Final = np.arange(6, 20)
 _FOLLOWS: Final = np.array(
     [HABITS.arm_time if i in _ARMS else HABITS.body_time for i in range(len(JOINTS))]
 )
-"""In what time every joint follows the planned posture (32,) [s]."""
+"""Time constant with which every joint follows the planned posture (32,) [s]."""
 
 
 class Control:
-    """A person's thoughts and commands, from moment to moment.
+    """The plan and the commands of a person.
 
     Args:
-        planner: which posture the person wants.
-        support: what carries them.
-        compensation: share of gravity that the muscles hold of themselves.
-        delay: after which the object's motion is followed [s].
-        data: of the simulation, as the person takes hold.
-        points: at which the hands hold.
+        planner: computes the posture that the person wants.
+        support: support of the person.
+        compensation: share of gravity that the muscles compensate.
+        delay: delay with which the person follows the object's motion [s].
+        data: data of the simulation when the person takes hold.
+        points: number of points at which the hands hold.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Control:
         data: mujoco.MjData,
         points: int,
     ) -> None:
-        """Want the posture as it is."""
+        """Start with the present posture as the wanted one."""
         self._planner, self._support, self._compensation = planner, support, compensation
         self._delay = round(delay / HABITS.plan_period)
         self.plan = Plan(data.qpos[:PERSON_QPOS].copy())
@@ -66,19 +66,19 @@ class Control:
         self._late: deque[np.ndarray] = deque()
 
     def copy(self) -> Self:
-        """Return another who goes on from the same moment."""
+        """Return an independent copy of the state."""
         other = copy(self)
         other._late = self._late.copy()
         return other
 
     def command(self, data: mujoco.MjData, grasp: Grasp, alone: bool, dt: float) -> None:
-        """Tell the muscles where to pull to.
+        """Set the commands to the muscles.
 
         Args:
             data: kinematics and bias forces now; its controls are written.
-            grasp: of the object.
+            grasp: grasp of the object.
             alone: whether the person carries the object without the robot.
-            dt: until the next command [s].
+            dt: time until the next command [s].
         """
         if self._ticks % round(HABITS.plan_period / HABITS.tick) == 0:
             self._think(data, grasp, alone)
@@ -93,20 +93,21 @@ class Control:
         ready[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(ready)
         felt = ready + HABITS.bracing * (self._felt - ready)
         loads = grasp.on_person(data, np.stack([ready, felt]))
-        # Who is pulled leans the other way, so that the soles press where they would without.
+        # A person who is pulled leans the other way, so that the pressure under the soles
+        # stays in place.
         over = self._over - self._support.shift(data, loads[1])
         sway = HABITS.sway_stiffness * (over - self._support.centre(data))
         sway -= HABITS.sway_damping * self._support.speed(data)
         torque = self._support.torques(data, sway, ready=loads[0], felt=loads[1])
-        # A muscle's spring rests where its torque at the wanted angle is the one that carries, and
-        # what damps it damps what is not wanted.
+        # The rest angle of a muscle's spring is such that its torque at the wanted angle
+        # carries the body. The damping acts only on motion that is not wanted.
         torque = self._compensation * torque + _DAMPING * change / dt
         data.ctrl[: PERSON_DOFS - 6] = self.wanted + torque / _STIFFNESS
 
     def _think(self, data: mujoco.MjData, grasp: Grasp, alone: bool) -> None:
-        """Move the plan on, toward where the object was before the person's delay.
+        """Update the plan toward the object's pose before the person's delay.
 
-        Who carries it alone keeps it there, and lifts as much as it sinks.
+        A person who carries it alone keeps it there, and lifts it by as much as it sinks.
         """
         places = grasp.places(data)
         if alone:
@@ -124,22 +125,22 @@ class Control:
         for _ in range(_STEPS):
             self.plan = self._planner.step(self.plan, points, soles)
         self._planned_over = self._support.centre(self._planner.look(self.plan.qpos))
-        # The body takes its time to get there; meanwhile the arms make up for it.
+        # The body takes time to get there. Meanwhile the arms compensate.
         now = data.qpos[:PERSON_QPOS].copy()
         now[7:][_ARMS] = self.wanted[_ARMS]
         self._toward = self.plan.qpos[7:].copy()
-        # And a hand feels at once where it is led, whatever the person has yet made of it.
+        # A hand feels at once where it is led, without the person's delay.
         felt = points if alone else places
         self._toward[_ARMS] = self._planner.arms(now, felt, self.plan)[_ARMS]
 
 
 def _share(dt: float, time: float) -> float:
-    """Return the share of a way that is gone in `dt` with a time constant [s]."""
+    """Return the share of a way that is done in `dt` with a time constant [s]."""
     return 1.0 - float(np.exp(-dt / time))
 
 
 def _flat(sole: np.ndarray) -> np.ndarray:
-    """Return where a sole stands (4, 4): level, on the floor."""
+    """Return where a sole stands (4, 4): level, and on the floor."""
     stands = np.eye(4)
     stands[:3, :3], stands[:2, 3] = upright(sole[:3, :3]), sole[:2, 3]
     return stands

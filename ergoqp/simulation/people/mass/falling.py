@@ -1,4 +1,4 @@
-"""When a person counts as fallen."""
+"""The criterion for a fall of a person."""
 
 from __future__ import annotations
 
@@ -8,26 +8,28 @@ import mujoco
 import numpy as np
 
 _LOWEST: Final = 0.3
-"""Who stands has fallen when the pelvis is below this share of its height in standing upright:
-deeper than anybody crouches on flat soles."""
+"""A standing person has fallen if the pelvis is below this share of its upright height.
+
+It is deeper than anybody crouches on flat soles.
+"""
 
 _OFF_SEAT: Final = 0.10
-"""Who sits has fallen when the pelvis is this far below its seat's height [m]."""
+"""A seated person has fallen if the pelvis is this far below the height of its seat [m]."""
 
 _TILTED: Final = float(np.cos(np.radians(80.0)))
-"""Anybody has, when the pelvis is tilted further than this."""
+"""Anybody has fallen if the cosine of the tilt of the pelvis is below this."""
 
 _LOWEST_HEAD: Final = 0.25
-"""And when the top of the head is as near to the floor as this [m]."""
+"""Anybody has fallen if the top of the head is below this height [m]."""
 
 
 def has_fallen(data: mujoco.MjData, seated: bool, height: float) -> bool:
-    """Return whether a person lies.
+    """Return whether a person has fallen.
 
     Args:
         data: kinematics.
         seated: whether they sat.
-        height: of the pelvis on its seat, or in standing upright [m].
+        height: height of the pelvis on its seat, or in standing upright [m].
     """
     pelvis = data.body("pelvis")
     lowest = height - _OFF_SEAT if seated else _LOWEST * height

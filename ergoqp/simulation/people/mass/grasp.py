@@ -1,4 +1,4 @@
-"""The hands' soft hold of the object: its forces, and how it slides."""
+"""The soft grasp of the object by the hands: its forces, and how it slides."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from ergoqp.simulation.people.mass.table import HABITS
 from ergoqp.simulation.people.mass.vectors import cross
 
 _ANOTHER: Final = 0.5
-"""A hand that slides again after this long has slipped once more [s]."""
+"""A hand that slides again after this time counts as another slip [s]."""
 
 
 class Grasp:
-    """The points at which the hands hold the object, and where on it.
+    """The points at which the hands hold the object, on the hands and on the object.
 
     Args:
-        model: of the person, this holding's own: where on the object a hand holds is written there.
-        hands: that hold.
+        model: model of the person, which belongs to this holding alone: the points on the
+            object are written to it.
+        hands: hands that hold.
     """
 
     def __init__(self, model: mujoco.MjModel, hands: tuple[str, ...]) -> None:
@@ -46,36 +47,36 @@ class Grasp:
         self.slipped = 0
 
     def take(self, data: mujoco.MjData) -> None:
-        """Hold the object where hands and object are now."""
+        """Take hold of the object with hands and object where they are now."""
         pose, turn = self._frame(data)
         self._grasped = (data.site_xpos[self._on_hand] - pose) @ turn
         self.model.site_pos[self._on_object] = self._grasped
         self.slipped = 0
 
     def copy(self, model: mujoco.MjModel) -> Grasp:
-        """Return the same hold in a copy of the model."""
+        """Return the same grasp in a copy of the model."""
         other = object.__new__(Grasp)
         vars(other).update(vars(self), model=model, _slid=self._slid.copy())
         return other
 
     @property
     def points(self) -> int:
-        """How many there are."""
+        """Number of points."""
         return len(self._on_hand)
 
     def places(self, data: mujoco.MjData) -> np.ndarray:
-        """Return where on the object the hands hold, in the world (k, 3) [m]."""
+        """Return the points on the object where the hands hold, in the world (k, 3) [m]."""
         return data.site_xpos[self._on_object].copy()
 
     def gap(self, data: mujoco.MjData) -> float:
-        """Return the largest distance of a hand from where it took the object [m]."""
+        """Return the largest distance of a hand from where it took hold of the object [m]."""
         pose, turn = self._frame(data)
         away = data.site_xpos[self._on_hand] - (pose + self._grasped @ turn.T)
         means = [away[self._hand == hand].mean(axis=0) for hand in np.unique(self._hand)]
         return float(np.linalg.norm(means, axis=1).max())
 
     def slide(self, data: mujoco.MjData) -> None:
-        """Let the points that pull more than a hand can hold slide along the object."""
+        """Let the points with more force than a hand can hold slide along the object."""
         turn = self._frame(data)[1]
         stretch = data.site_xpos[self._on_hand] - data.site_xpos[self._on_object]
         length = np.linalg.norm(stretch, axis=1)
@@ -83,7 +84,8 @@ class Grasp:
         sliding = length > longest
         if not sliding.any():
             return
-        # Not all at once: what slides within a tick of the muscles is less than the stretch.
+        # Slide only by the excess, which within a tick of the muscles is less than the
+        # stretch.
         way = stretch * (1 - longest / np.maximum(length, longest))[:, None]
         self.model.site_pos[self._on_object] += way @ turn
         for hand in np.unique(self._hand[sliding]):
@@ -95,7 +97,7 @@ class Grasp:
         self.model.opt.disableactuator |= 1 << HAND_GROUP
 
     def forces(self, data: mujoco.MjData) -> np.ndarray:
-        """Return the object's force on the hands at every point (k, 3), in the world [N]."""
+        """Return the force of the object on the hands at every point (k, 3), in the world [N]."""
         return data.actuator_force[self._springs] @ self._frame(data)[1].T
 
     def wrench(self, data: mujoco.MjData) -> np.ndarray:
@@ -105,7 +107,7 @@ class Grasp:
         return np.concatenate([forces.sum(axis=0), cross(levers, forces).sum(axis=0)])
 
     def on_person(self, data: mujoco.MjData, forces: np.ndarray) -> np.ndarray:
-        """Return what forces (..., k, 3) at the points do to the person's coordinates (..., 38)."""
+        """Return the generalised forces (..., 38) of forces (..., k, 3) at the points."""
         jacobian = np.zeros((self.points, 3, self.model.nv))
         for site, part in zip(self._on_hand, jacobian, strict=True):
             mujoco.mj_jacSite(self.model, data, part, None, site)

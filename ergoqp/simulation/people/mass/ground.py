@@ -1,4 +1,4 @@
-"""How the corners of soles and seat share what the body pushes with, as floor and friction let."""
+"""Distribution of the body's push over the corners of soles and seat, within friction."""
 
 from __future__ import annotations
 
@@ -13,26 +13,29 @@ from ergoqp.simulation.people.mass.vectors import cross
 _EDGES: Final = np.array(
     [[x, y, 1.0] for x, y in HABITS.grip_used * FRICTION * np.vstack([np.eye(2), -np.eye(2)])]
 )
-"""Of a pyramid within the cone of friction (4, 3): any push is a sum of these."""
+"""Edges of a pyramid within the friction cone (4, 3). Every push is a sum of them."""
 
 _SCALE: Final = np.array([1.0, 1.0, 10.0, 4.0, 4.0, 4.0])
-"""What is missing counts, by force and by torque [1/m]: the body is carried above all, and where
-the rest cannot all be had, the trunk rather turns than that the centre of mass is let go."""
+"""Weights of the missing force and torque [1/m].
+
+The weight of the body comes first. If not everything is possible, the trunk rather turns than
+the centre of mass is given up.
+"""
 
 _SPREAD: Final = 1e-3
-"""What force itself costs: enough that all corners share, too little to miss the wrench by 1 N."""
+"""Cost of force itself: enough that all corners share, and too little to miss the wrench by 1 N."""
 
 
 def shared(points: np.ndarray, wrench: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Return the forces (k, 3) [N] at points whose sum is nearest to a wrench.
 
-    None pulls, and none asks for more friction than there is. So where the wrench cannot be had,
-    the centre of pressure stays at the edge of what carries.
+    No force pulls, and none needs more friction than there is. So if the wrench is not
+    possible, the centre of pressure stays at the edge of the support.
 
     Args:
-        points: from where the torque counts (k, 3) [m].
-        wrench: force and torque that are wanted (6,) [N, N m].
-        shares: how much rather a point carries than others (k,).
+        points: points relative to the reference of the torque (k, 3) [m].
+        wrench: wanted force and torque (6,) [N, N m].
+        shares: relative share of each point (k,).
     """
     columns = np.empty((6, len(points), len(_EDGES)))
     columns[:3] = _EDGES.T[:, None]

@@ -1,4 +1,4 @@
-"""A person with mass from moment to moment: the simulation, and what is seen of it."""
+"""The state of a person with mass: the simulation, and what is measured of it."""
 
 from __future__ import annotations
 
@@ -25,49 +25,49 @@ from ergoqp.simulation.people.person import LET_GO, Holding, Person
 from ergoqp.simulation.people.senses import Senses
 
 STILL: Final = 20.0
-"""For how long everybody holds still before it counts [s]."""
+"""Time for which every person first holds still, before anything counts [s]."""
 
 RESTS: Final = 6.0
-"""Longest time that coming to rest is waited for [s]."""
+"""Longest time to wait for rest [s]."""
 
 CARRY_SPEED: Final = 0.15
 CARRY_TURN: Final = 0.4
-"""How fast an object is carried to a place [m/s], [rad/s]."""
+"""Speeds at which an object is carried to a place [m/s], [rad/s]."""
 
 _HELD: Final = 0.02
-"""A hand within this distance of where it took the object holds it [m]."""
+"""A hand within this distance of where it took hold of the object still holds it [m]."""
 
 _TIPS: Final = 0.002
-"""A sole further from where it stood begins to lift off the floor, or to slide on it [m]."""
+"""A sole further than this from where it stood is lifting off the floor, or sliding on it [m]."""
 
 _AT_REST: Final = 0.02
-"""Joint speeds, and ways to the planned posture, below which a person rests [rad/s], [rad]."""
+"""Largest joint speed, and distance to the planned posture, of a person at rest [rad/s], [rad]."""
 
 _CALM: Final = 10
-"""And for how many periods."""
+"""Number of periods for which this must hold."""
 
 _KEPT: Final = 4
-"""After how many periods a place on the way counts as reached."""
+"""Number of periods after which a place on the way counts as reached."""
 
 _PERIOD: Final = 0.05
-"""In what parts time passes while the person is left alone [s]."""
+"""Period of the simulation while the person is not in a loop [s]."""
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Who takes hold of the object, and how they stand then.
+    """Who takes hold of the object, and how they stand at that time.
 
     Attributes:
-        person: who.
-        model: of the person, the object and the robot; not changed.
-        planner: which posture the person wants.
-        hands: that hold.
+        person: the person.
+        model: model of the person, the object and the robot; not changed.
+        planner: computes the posture that the person wants.
+        hands: hands that hold.
         tool: axis of the tool in the hand.
         seated: whether the pelvis is on a seat.
-        compensation: share of gravity that the muscles hold of themselves.
+        compensation: share of gravity that the muscles compensate.
         qpos: pelvis and joints (39,).
         soles: where they stand (4, 4) each [m]; None: they hang.
-        height: of the pelvis on its seat, or in standing upright [m].
+        height: height of the pelvis on its seat, or in standing upright [m].
     """
 
     person: Person
@@ -83,15 +83,15 @@ class Beginning:
 
 
 class MassHolding(Holding):
-    """A person with mass, the object in hand and the robot that holds it too.
+    """A person with mass who holds the object, and the robot that holds it too.
 
     Args:
-        beginning: who, and how they stand.
-        senses: how late they follow.
+        beginning: the person, and how they stand.
+        senses: the delay of the person.
 
     Attributes:
-        held_drift: how far a hand went at most during the first 20 s of holding still [m].
-        data: of the simulation, to be looked at.
+        held_drift: largest displacement of a hand during the first 20 s of holding still [m].
+        data: data of the simulation, for inspection.
     """
 
     def __init__(self, beginning: Beginning, senses: Senses) -> None:
@@ -123,7 +123,7 @@ class MassHolding(Holding):
         self.held_drift = self._hold_still()
 
     def _hold_still(self) -> float:
-        """Return how far a hand goes at most in that time [m]."""
+        """Hold still for that time, and return the largest displacement of a hand [m]."""
         hands = [self.model.site(f"{side}_grip").id for side in self._is.hands]
         before, drift = self.data.site_xpos[hands].copy(), 0.0
         for _ in range(round(STILL / _PERIOD)):
@@ -134,22 +134,22 @@ class MassHolding(Holding):
         return drift
 
     def count_from_here(self) -> None:
-        """Begin anew to count slips, and how far soles slide."""
+        """Reset the number of slips, and the sliding distance of the soles."""
         self.slipped, self.slid, self._grasp.slipped = 0, 0.0, 0
         self._stood = self._soles()
 
     def _soles(self) -> np.ndarray:
-        """Return where the soles are (2, 3) [m]."""
+        """Return the positions of the soles (2, 3) [m]."""
         return np.array([self.data.site(f"{side}_sole").xpos for side in SIDES])
 
     @property
     def person(self) -> Person:
-        """Who it is."""
+        """The person."""
         return self._is.person
 
     @property
     def posture(self) -> np.ndarray:
-        """The person's true posture now (32,) [rad]."""
+        """True posture of the person now (32,) [rad]."""
         return self._posture
 
     @property
@@ -161,9 +161,9 @@ class MassHolding(Holding):
         return pose
 
     def follow(self, pose: np.ndarray, dt: float) -> None:
-        """Live on for `dt` seconds while the robot takes the object to `pose` (4, 4) [m].
+        """Advance by `dt` seconds, while the robot moves the object to `pose` (4, 4) [m].
 
-        Who has fallen is not simulated on: they stay as they lie.
+        A person who has fallen is not simulated any further.
         """
         before, begin = self._asked, self._clock
         self._asked = pose.copy()
@@ -181,7 +181,7 @@ class MassHolding(Holding):
         self._see()
 
     def rest(self, pose: np.ndarray) -> bool:
-        """Come to rest with the object at `pose` (4, 4), to which it is carried where it is not."""
+        """Come to rest with the object at `pose` (4, 4). It is carried there if it is elsewhere."""
         for part in self._way(pose):
             self.follow(part, _PERIOD)
         quiet, end = 0, self._clock + RESTS
@@ -195,8 +195,8 @@ class MassHolding(Holding):
     def carry(self, pose: np.ndarray) -> bool:
         """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there.
 
-        As far as it goes with the hand on the object and the soles on the floor: whoever would have
-        to step to come along does not.
+        It goes only as far as the hand stays on the object and the soles on the floor. A
+        person who would have to step does not go further.
         """
         last, stood = self.copy(), self._soles()
         for number, part in enumerate(self._way(pose)):
@@ -213,12 +213,12 @@ class MassHolding(Holding):
         return False
 
     def _tips(self, stood: np.ndarray) -> bool:
-        """Return whether somebody who stands leaves where the soles were (2, 3) [m]."""
+        """Return whether a standing person leaves the earlier positions of the soles (2, 3) [m]."""
         away = np.linalg.norm(self._soles() - stood, axis=1)
         return not self._is.seated and bool(away.max() > _TIPS)
 
     def copy(self) -> Self:
-        """Return another who goes on from the same moment."""
+        """Return an independent copy of the state."""
         other = copy(self)
         other.model = copy(self.model)
         other.data = mujoco.MjData(other.model)
@@ -228,11 +228,11 @@ class MassHolding(Holding):
         return other
 
     def release(self) -> None:
-        """Have the robot let go of the object: from now on the hands carry it alone."""
+        """Make the robot let go of the object. From now on the hands carry it alone."""
         self.model.opt.disableactuator |= 1 << ROBOT_GROUP
 
     def _way(self, pose: np.ndarray) -> list[np.ndarray]:
-        """Return the poses of the straight way to one, a period apart."""
+        """Return the poses of the straight path to a pose, a period apart."""
         way, begin = pose_error(self._asked, pose), self._asked
         shift, turn = float(np.linalg.norm(way[:3])), float(np.linalg.norm(way[3:]))
         parts = int(np.ceil(max(shift / CARRY_SPEED, turn / CARRY_TURN) / _PERIOD))
@@ -243,7 +243,8 @@ class MassHolding(Holding):
         model, data = self.model, self.data
         data.mocap_pos[0] = pose[:3, 3]
         mujoco.mju_mat2Quat(data.mocap_quat[0], pose[:3, :3].ravel())
-        # The robot carries the object, so its springs are stretched by the weight alone.
+        # The robot carries the object, so it compensates the stretch of its springs by the
+        # weight.
         data.ctrl[-6:-3] = pose[2, :3] * SOFT_ROBOT.load * 9.81 / SOFT_ROBOT.stiffness
         mujoco.mj_step1(model, data)
         alone = bool(model.opt.disableactuator & 1 << ROBOT_GROUP)
@@ -254,7 +255,7 @@ class MassHolding(Holding):
         self._grasp.slide(data)
 
     def _see(self) -> None:
-        """Read off what others see of the person and the object."""
+        """Update everything that others see of the person and the object."""
         data = self.data
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)

@@ -1,4 +1,4 @@
-"""Who has mass: body, sex, wishes, how they are drawn, and how they take hold of the object."""
+"""People with mass: body, sex, wishes, how they are drawn, and how they take hold of the object."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ergoqp.simulation.people.person import Person
 from ergoqp.simulation.people.senses import Senses
 
 REACHED: Final = 0.02
-"""A hand's point within this distance of where it should hold counts as reached [m]."""
+"""A point of a hand within this distance of where it should hold counts as reached [m]."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Mass(Person):
     """A person with mass.
 
     Attributes:
-        traits: what makes them who they are.
+        traits: properties of the person.
     """
 
     traits: Traits
@@ -42,32 +42,32 @@ class Mass(Person):
     manner: ClassVar[str] = "who has mass, muscles that yield and a grip that may slip"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Go to another process as the fields: the models are rebuilt there."""
+        """Pickle as the fields: the models are rebuilt in the other process."""
         return {"traits": self.traits}
 
     @property
     def body(self) -> Body:
-        """The person's body."""
+        """Body of the person."""
         return self.traits.body
 
     @property
     def senses(self) -> Senses:
-        """The person's own delay, and sensors of the plainer sort."""
+        """Delay of the person, and simple sensors."""
         return self.traits.senses
 
     @property
     def robot(self) -> DeclaredRobot:
-        """The impedance that holds the object with the person."""
+        """Declaration of the impedance that holds the object together with the person."""
         return SOFT_ROBOT_DECLARED
 
     @property
     def comfort(self) -> np.ndarray:
-        """Posture that the person takes with nothing to reach for (32,) [rad]."""
+        """Posture of the person with nothing to reach for (32,) [rad]."""
         return self.traits.wishes.comfort
 
     @property
     def footing(self) -> str:
-        """What carries the person, as a clause for people."""
+        """What supports the person, as a clause for people."""
         if not self.traits.wishes.seated:
             return "the person stands on both soles by friction and balance alone"
         feet = "stand on" if self.feet else "hang above"
@@ -94,7 +94,7 @@ class Mass(Person):
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The person with object, robot and seat; who changes it takes a copy."""
+        """The model of the person with object, robot and seat. Copy it before changing it."""
         return self._built(self.seat if self.traits.wishes.seated else None)
 
     def _built(self, seat: float | None) -> mujoco.MjModel:
@@ -106,11 +106,11 @@ class Mass(Person):
 
     @cached_property
     def planner(self) -> Planner:
-        """Which posture the person wants."""
+        """Computes the posture that the person wants."""
         return Planner(self.model, self.traits.wishes)
 
     def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> MassHolding:
-        """Return the person as they hold the object in a posture (32,) [rad].
+        """Return the person holding the object in a posture (32,) [rad].
 
         They have held it still for `ergoqp.simulation.people.mass.holding.STILL` seconds.
         """
@@ -134,8 +134,8 @@ class Mass(Person):
     def stand(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
         """Return pelvis and joints (39,) in a posture, and where the soles stand (4, 4) each.
 
-        The soles are flat on the floor; where the posture's are not, the legs are as near to it as
-        that allows. No soles where they hang.
+        The soles are flat on the floor. If those of the posture are not, the legs change as
+        little as possible. There are no soles if the feet hang.
         """
         qpos = np.zeros(PERSON_QPOS)
         qpos[3], qpos[7:] = 1.0, np.clip(posture, LOWER, UPPER)
@@ -158,7 +158,7 @@ class Mass(Person):
         return Planner(self.model, as_given).settle(qpos, None, flat, steps=30).qpos, flat
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Plan from comfort, without simulating, the posture with the object at `pose` (4, 4)."""
+        """Plan, from comfort and not simulated, the posture with the object at `pose` (4, 4)."""
         qpos, soles = self.stand(self.comfort)
         points = self.planner.held(qpos)
         contact = contact_in(
@@ -180,15 +180,15 @@ class Mass(Person):
 
 
 def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
-    """Return a person with mass for a problem, the same for the same seed.
+    """Return a person with mass for a problem. The same seed gives the same person.
 
     Args:
-        problem: only what its response says of the task is read: hands, stance, tool, comfort
+        problem: only the description of the task by its response is used: hands, stance, tool
             and seat.
-        seed: of the person.
-        body: the person's body; None: drawn.
+        seed: seed of the person.
+        body: body of the person; None: it is drawn.
 
     Raises:
-        InputError: if the problem's response does not say that.
+        InputError: if the response of the problem does not describe the task.
     """
     return Mass(draw_traits(Mass.kind, problem, seed, body))

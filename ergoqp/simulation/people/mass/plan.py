@@ -1,4 +1,4 @@
-"""A wanted posture on its way to where steps lead it."""
+"""A wanted posture on the way to its optimum."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ergoqp.joints import JOINTS
 from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS
 
 PERSON_QPOS: Final = 7 + len(JOINTS)
-"""Pelvis position and quaternion, then the joints."""
+"""Number of coordinates: pelvis position and quaternion, then the joints."""
 
 _DAMPING: Final = 0.5
-"""Least cost of a step itself, per rad^2 or m^2: a step leaves out how the frames turn with it."""
+"""Least cost of a step itself, per rad^2 or m^2, because a step ignores how the frames turn."""
 
 _MORE, _LESS = 4.0, 0.6
-"""Where a step takes the last one back, as at the end of reach, the next costs more, else less."""
+"""Factors on this cost: if a step reverses the last one, as at the end of reach, and if not."""
 
 _BACK: Final = -0.3
-"""Cosine between two steps of which the second takes the first one back."""
+"""A step with a lower cosine to the last step counts as reversing it."""
 
 _ARRIVED: Final = 1e-3
 """Change of all joints below which a plan has arrived [rad]."""
@@ -28,12 +28,12 @@ _ARRIVED: Final = 1e-3
 
 @dataclass(frozen=True)
 class Plan:
-    """A wanted posture on its way.
+    """A wanted posture on the way to its optimum.
 
     Attributes:
         qpos: pelvis and joints (39,).
-        change: that the last step made (38,) [m, rad].
-        damping: what the next step costs of itself.
+        change: change by the last step (38,) [m, rad].
+        damping: cost of the next step itself.
     """
 
     qpos: np.ndarray
@@ -42,11 +42,11 @@ class Plan:
 
     @property
     def arrived(self) -> bool:
-        """Whether the last step changed next to nothing."""
+        """Whether the last step changed almost nothing."""
         return bool(np.abs(self.change).max() < _ARRIVED)
 
     def after(self, qpos: np.ndarray, change: np.ndarray) -> Plan:
-        """Return the plan after a step to a state (39,) that changed it by so much (38,)."""
+        """Return the plan after a step to a state (39,) with this change (38,)."""
         sizes = float(np.linalg.norm(change) * np.linalg.norm(self.change))
         back = np.isfinite(sizes) and change @ self.change < _BACK * sizes
         damping = self.damping * _MORE if back else max(_DAMPING, self.damping * _LESS)

@@ -1,4 +1,4 @@
-"""Which posture a person wants, with the object where it is: their own inverse kinematics."""
+"""The posture that a person wants for a pose of the object: the person's own inverse kinematics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DAMPING: Final = 0.5
 _LONGEST: Final = 0.25
 """Largest change of a joint in one step [rad]."""
 
-# A joint that is wanted at its very end would be pushed beyond it by what hangs on it.
+# A joint with a target exactly at its end would be pushed beyond it by the weight on it.
 _INSET: Final = np.radians(2.0)
 _LOWEST: Final = LOWER + _INSET
 _HIGHEST: Final = UPPER - _INSET
@@ -35,8 +35,8 @@ class Planner:
     """Damped Gauss-Newton steps toward the posture that a person wants.
 
     Args:
-        model: of the person, as `ergoqp.simulation.people.mass.anatomy.build` gives it.
-        wishes: what the person minds.
+        model: model of the person, from `ergoqp.simulation.people.mass.anatomy.build`.
+        wishes: the costs by which the person chooses a posture.
     """
 
     def __init__(self, model: mujoco.MjModel, wishes: Wishes) -> None:
@@ -48,11 +48,11 @@ class Planner:
         self._ahead = HABITS.ahead * float(ball.pos[0] + ball.size[0]) / BALL_END
 
     def held(self, qpos: np.ndarray) -> np.ndarray:
-        """Return where the hands' points are (k, 3) [m]."""
+        """Return the positions of the points of the hands (k, 3) [m]."""
         return self.look(qpos).site_xpos[self._holds].copy()
 
     def look(self, qpos: np.ndarray) -> mujoco.MjData:
-        """Return the kinematics of a state (39,); valid until the next call."""
+        """Return the kinematics of a state (39,). They are valid until the next call."""
         self._data.qpos[:PERSON_QPOS] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -64,8 +64,8 @@ class Planner:
         """Return the plan after one step.
 
         Args:
-            plan: before.
-            points: where the hands should hold (k, 3) [m]; None: nowhere.
+            plan: plan before the step.
+            points: where the hands should hold (k, 3) [m]; None: no targets.
             soles: where the soles stand (4, 4) each [m]; None: they hang.
         """
         wishes = self._wishes
@@ -96,14 +96,14 @@ class Planner:
         return plan.after(after[:PERSON_QPOS], change)
 
     def arms(self, qpos: np.ndarray, points: np.ndarray, plan: Plan) -> np.ndarray:
-        """Return joints (32,) of which the holding arms' have the hands nearer to their points.
+        """Return joints (32,) with the holding arms moved to bring the hands nearer to the points.
 
-        The body stays as it is; of all ways to do it the arms take that nearest to the plan's.
+        The body does not move. Of all solutions the arms take the one nearest to the plan.
 
         Args:
             qpos: pelvis and joints now (39,).
             points: where the hands should hold (k, 3) [m].
-            plan: of the whole posture.
+            plan: plan of the whole posture.
         """
         free = np.zeros(PERSON_DOFS, dtype=bool)
         for side in self._wishes.hands:
@@ -120,7 +120,7 @@ class Planner:
         soles: Sequence[np.ndarray] | None,
         steps: int = 120,
     ) -> Plan:
-        """Return the plan to which steps from a state (39,) lead."""
+        """Return the plan to which repeated steps from a state (39,) lead."""
         plan = Plan(qpos)
         for _ in range(steps):
             plan = self.step(plan, points, soles)
@@ -129,7 +129,7 @@ class Planner:
         return plan
 
     def misses(self, qpos: np.ndarray, points: np.ndarray) -> float:
-        """Return how far at most a hand's point is from where it should hold [m]."""
+        """Return the largest distance of a point of a hand from where it should hold [m]."""
         return float(np.linalg.norm(self.held(qpos) - points, axis=1).max())
 
     def _solve(
@@ -140,14 +140,14 @@ class Planner:
         free: np.ndarray,
         damping: float,
     ) -> np.ndarray:
-        """Return the change (38,) of least cost within the joints' ranges.
+        """Return the change (38,) of least cost within the ranges of the joints.
 
         Args:
-            residuals: that should become less.
-            joints: now (32,) [rad].
-            comfort: where they would be best (32,) [rad].
-            free: which coordinates may change (38,) bool; written to.
-            damping: what a change costs of itself.
+            residuals: residuals to reduce.
+            joints: joints now (32,) [rad].
+            comfort: preferred joints (32,) [rad].
+            free: coordinates that may change (38,) bool; it is modified.
+            damping: cost of the change itself.
         """
         hessian, pull = residuals.normal()
         hessian[np.diag_indices(PERSON_DOFS)] += damping

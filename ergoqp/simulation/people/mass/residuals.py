@@ -1,4 +1,4 @@
-"""What a person minds about a posture: residuals, how they move with the joints, what they cost."""
+"""The terms of the cost of a posture: residuals, their Jacobians and their weights."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _HANGING: Final = 20.0
 _ON_LAP: Final = 40.0
 _LEVEL_PELVIS: Final = 5.0
 _TOPPLING: Final = 5e4
-"""What errors cost, per m^2 or rad^2, where a joint's effort costs 0.5 to 7 per rad^2."""
+"""Weights of the residuals, per m^2 or rad^2; the effort of a joint costs 0.5 to 7 per rad^2."""
 
 _FAR: Final = 0.10
-"""Longest way that one step takes a hand or a sole [m]."""
+"""Largest displacement of a hand or a sole in one step [m]."""
 
 _NECK: Final = [6 + i for i, name in enumerate(JOINTS) if name.startswith("neck")]
 _ARMS: Final = {
@@ -36,40 +36,40 @@ _ARMS: Final = {
     ]
     for side in SIDES
 }
-# The centre of mass is kept over the soles by pelvis, trunk and legs: never by neck or arms.
+# Pelvis, trunk and legs keep the centre of mass over the soles; neck and arms do not.
 _CARRIERS: Final = np.array([i < 9 or i >= 26 for i in range(PERSON_DOFS)])
 
 
 class Residuals:
-    """The residuals of one posture, each with its Jacobian and its cost.
+    """The residuals of one posture, each with its Jacobian and its weight.
 
     Args:
-        model: of the person.
+        model: model of the person.
         data: its kinematics in the posture.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Begin without any."""
+        """Start without residuals."""
         self._model, self._data = model, data
         self._pelvis = int(model.body("pelvis").id)
         self._jacobian = np.zeros((6, model.nv))
         self._rows: list[tuple[np.ndarray, np.ndarray, float]] = []
 
     def hold(self, sites: Sequence[int], points: np.ndarray) -> None:
-        """Bring the hands' points to where they should hold (k, 3) [m]."""
+        """Add: bring the points of the hands to where they should hold (k, 3) [m]."""
         for site, point in zip(sites, points, strict=True):
             error = _capped(point - self._data.site_xpos[site], _FAR)
             self._add(self._jac(site)[:3], error, _HANDS / len(points))
 
     def stand(self, side: str, sole: np.ndarray) -> None:
-        """Keep a sole where it stands (4, 4) [m]."""
+        """Add: keep a sole where it stands (4, 4) [m]."""
         site = self._site(f"{side}_sole")
         jacobian, have = self._jac(site), self._data.site_xmat[site].reshape(3, 3)
         self._add(jacobian[:3], _capped(sole[:3, 3] - self._data.site_xpos[site], _FAR), _SOLES)
         self._add(jacobian[3:], _capped(turn_between(have, sole[:3, :3]), 0.3), _TURNED_SOLES)
 
     def gaze(self, work: np.ndarray) -> None:
-        """Turn the neck toward the work by what the eyes do not take."""
+        """Add: turn the neck toward the work by the angle beyond the range of the eyes."""
         eyes = self._site("eyes")
         ahead = self._data.site_xmat[eyes].reshape(3, 3)[:, 0]
         toward = work - self._data.site_xpos[eyes]
@@ -82,7 +82,7 @@ class Residuals:
             self._add(_only(self._jac(eyes)[3:], _NECK), turn, _GAZE)
 
     def rest_arm(self, side: str, seated: bool) -> None:
-        """Let a free arm hang from its shoulder or, seated, lie on its thigh."""
+        """Add: let a free arm hang from its shoulder or, when seated, lie on its thigh."""
         arm, wrist = _ARMS[side], self._site(f"{side}_wrist")
         if seated:
             lap = self._data.site_xpos[self._site(f"{side}_lap")]
@@ -95,7 +95,7 @@ class Residuals:
             self._add(jacobian, _capped(error[:2], _FAR), _HANGING)
 
     def stay_level(self) -> None:
-        """Keep the pelvis level."""
+        """Add: keep the pelvis level."""
         turn = self._data.xmat[self._pelvis].reshape(3, 3)
         up = turn[:, 2]
         jacobian = np.zeros((2, PERSON_DOFS))
@@ -104,9 +104,10 @@ class Residuals:
         self._add(jacobian, -up[:2], _LEVEL_PELVIS)
 
     def balance(self, place: np.ndarray, cost: float) -> None:
-        """Keep the centre of mass over a place (2,) [m], at a cost per m^2; far off it by no means.
+        """Add: keep the centre of mass over a place (2,) [m], at a cost per m^2.
 
-        Nobody reaches past their toes, however much they want to hold on.
+        Far from it a much larger weight applies: nobody reaches past their toes, however
+        strong the other wishes are.
         """
         mujoco.mj_jacSubtreeCom(self._model, self._data, self._jacobian[:3], self._pelvis)
         jacobian = self._jacobian[:2, :PERSON_DOFS] * _CARRIERS
@@ -137,7 +138,7 @@ class Residuals:
 
 
 def _only(jacobian: np.ndarray, columns: list[int]) -> np.ndarray:
-    """Return a Jacobian of these columns alone: the others do not move for this."""
+    """Return a Jacobian with these columns only. No other coordinate moves for this term."""
     kept = np.zeros_like(jacobian)
     kept[:, columns] = jacobian[:, columns]
     return kept

@@ -1,8 +1,8 @@
 """Masses and inertias of a person's segments, by sex.
 
-The numbers are those of P. de Leva (1996), "Adjustments to Zatsiorsky-Seluyanov's segment inertia
-parameters", J. Biomechanics 29 (9): shares of the body's mass, centres of mass and radii of
-gyration as shares of the segments' lengths.
+The numbers are those of P. de Leva (1996), "Adjustments to Zatsiorsky-Seluyanov's segment
+inertia parameters", J. Biomechanics 29 (9): masses as shares of the body's mass, and centres
+of mass and radii of gyration as shares of the segments' lengths.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ class Segment(NamedTuple):
 
     Attributes:
         mass: share of the body's mass.
-        centre: of mass, from the upper end (a foot's: from the heel), as a share of the length.
+        centre: centre of mass, from the upper end (of a foot: from the heel), as a share of
+            the length.
         sagittal: radius of gyration about the axis forward, as a share of the length.
-        transverse: about the axis to the left.
-        longitudinal: about the segment's own axis.
+        transverse: the same about the axis to the left.
+        longitudinal: the same about the segment's own axis.
     """
 
     mass: float
@@ -61,23 +62,30 @@ SEGMENTS: Final[dict[Sex, dict[str, Segment]]] = {
         "foot": Segment(0.0137, 0.4415, 0.257, 0.245, 0.124),
     },
 }
-"""The head with its neck, from the vertex over the head's own length; the trunk in three parts; the
-hand from the wrist over its whole length; the foot from the heel."""
+"""The rows by sex and segment.
+
+The head includes the neck and is measured from the vertex over the head's own length. The
+trunk has three parts. The hand is measured from the wrist over its whole length, the foot from
+the heel.
+"""
 
 _TRUNK_PARTS: Final[dict[Sex, tuple[float, float, float]]] = {
     "female": (142.5, 205.3, 181.5),
     "male": (170.7, 215.5, 145.7),
 }
-"""Lengths of the upper, middle and lower trunk in the same sample [mm]; together from the
-suprasternal notch, where `Body` has the base of the neck, to the middle of the hip centres."""
+"""Lengths of the upper, middle and lower trunk in the same sample [mm].
+
+Together they reach from the suprasternal notch, where `Body` has the base of the neck, to the
+middle of the hip centres.
+"""
 
 _HEEL: Final = 0.20
-"""How far the heel is behind the ankle, as a share of the foot's length, as in the model."""
+"""Distance of the heel behind the ankle, as a share of the foot's length, as in the model."""
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """A rigid body's mass [kg], centre (3,) [m] and principal inertia (3,) about it [kg m^2]."""
+    """Mass [kg], centre (3,) [m] and principal inertia (3,) about it [kg m^2] of a rigid body."""
 
     mass: float
     centre: np.ndarray
@@ -87,14 +95,14 @@ class Inertia:
 def inertias(body: Body, sex: Sex) -> dict[str, Inertia]:
     """Return the inertia of every body of ``models/person_with_mass.xml``, in its own axes."""
     rows, length = SEGMENTS[sex], body.lengths
-    # The shares of the table are rounded; together they are the whole body here.
+    # The shares of the table are rounded, so they are scaled to the whole body.
     sides = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
     whole = body.mass / sum(row.mass * (1 + (name in sides)) for name, row in rows.items())
 
     def along(name: str, upper: np.ndarray, down: np.ndarray, long: float) -> Inertia:
         row = rows[name]
         radii = np.array([row.sagittal, row.transverse, row.longitudinal])
-        if down[0]:  # A foot's own axis points forward.
+        if down[0]:  # The longitudinal axis of a foot points forward.
             radii = radii[[2, 1, 0]]
         mass = row.mass * whole
         return Inertia(mass, upper + row.centre * long * down, mass * (radii * long) ** 2)
@@ -124,7 +132,7 @@ def inertias(body: Body, sex: Sex) -> dict[str, Inertia]:
 
 
 def _joined(one: Inertia, other: Inertia) -> Inertia:
-    """Return two bodies, one above the other, as one."""
+    """Return one body that is equivalent to two, one above the other."""
     mass = one.mass + other.mass
     centre = (one.mass * one.centre + other.mass * other.centre) / mass
     inertia = one.inertia + other.inertia

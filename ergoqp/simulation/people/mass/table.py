@@ -1,4 +1,4 @@
-"""Every number of how a person with mass moves, in one table; each with where it comes from."""
+"""All numbers of the motion of a person with mass in one table, with their origin."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.robot import DeclaredRobot
 
 FRICTION: Final = 0.8
-"""Of soles on the floor and trousers on the seat, as in ``models/person_with_mass.xml``."""
+"""Friction of soles on the floor and trousers on the seat; see ``models/person_with_mass.xml``."""
 
 
 class Muscle(NamedTuple):
     """How a joint is held.
 
     Attributes:
-        stiffness: toward the posture that the person wants [N m/rad].
-        damping: [N m s/rad].
+        stiffness: stiffness toward the wanted posture [N m/rad].
+        damping: damping [N m s/rad].
         strength: greatest torque [N m].
-        effort: what it costs to be away from comfort, per rad^2; relative.
+        effort: cost of a deviation from comfort, per rad^2; relative.
     """
 
     stiffness: float
@@ -51,17 +51,17 @@ MUSCLES: Final[dict[str, Muscle]] = {
     "ankle_flexion": Muscle(300.0, 20.0, 200.0, 2.0),
     "ankle_inversion": Muscle(100.0, 6.0, 60.0, 4.0),
 }
-"""By joint, both sides alike.
+"""By joint, the same for both sides.
 
-Stiffness: shoulder and elbow as of a hand that is led and does not resist, at the lower end of
-what Mussa-Ivaldi, Hogan and Bizzi (1985) measured in hands that keep their place, of the order of
-tens; wrist of a firm grasp, several times the passive one of Formica et al. (2012), which is of
-the order of one; ankles of quiet standing (Loram and Lakie 2002: both together about nine tenths
-of the body's toppling stiffness); trunk of an active one, of the order of hundreds as in the
-lumbar spines of Cholewicki and McGill (1996); knees and hips so that the stance is no softer than
-the ankles. Damping: 0.2 to 0.7 of critical with the segments beyond. Strength: of the order of the
-greatest voluntary torques of untrained adults. Effort: the trunk carries half the body, the
-forearm nothing.
+Stiffness: shoulder and elbow are those of a hand that is led and does not resist, at the lower
+end of the values of Mussa-Ivaldi, Hogan and Bizzi (1985) for hands that keep their place, of
+the order of tens. The wrist is that of a firm grasp, several times the passive one of Formica
+et al. (2012), which is of the order of one. The ankles are those of quiet standing (Loram and
+Lakie 2002: both together about nine tenths of the body's toppling stiffness). The trunk is
+active, of the order of hundreds as in the lumbar spines of Cholewicki and McGill (1996). Knees
+and hips are such that the stance is not softer than the ankles. Damping: 0.2 to 0.7 of
+critical with the distal segments. Strength: of the order of the greatest voluntary torques of
+untrained adults. Effort: the trunk carries half the body, the forearm nothing.
 """
 
 
@@ -77,31 +77,33 @@ def per_joint(field: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Habits:
-    """How a person of this kind plans, balances and holds; the same for all unless said.
+    """How a person of this kind plans, balances and holds; the same for all unless noted.
 
     Attributes:
-        grasp_stiffness: of a hand's hold of the object [N/m]; fingertips of the order of 1000, a
-            whole fist several times that.
-        grasp_damping: [N s/m].
-        grasp_lever: half the width of what the hand closes around, along the tool's axis [m].
-        slip_force: at which the hand slides along the object [N]: a moderate squeeze of 80 N from
-            both sides at a friction of 0.5.
-        body_time: in which trunk, neck and legs follow the planned posture [s].
-        arm_time: in which the arms do, which only have to yield to what they hold [s]: of the order
-            of an arm's long-latency reflex.
-        plan_period: between two thoughts of where to be [s].
-        tick: between two commands to the muscles [s].
-        grip_used: share of the friction below that a person asks for, so that nothing slides.
-        sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
-        sway_damping: of the same [1/s].
-        load_time: in which a load in the hand is felt, or one to come is taken over [s].
-        lift_time: in which a sinking load is lifted again [s].
-        bracing: share of a felt load that the legs stand up to.
-        ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
-            foot's length: quiet standing has it of the order of 50 mm ahead.
-        farthest_over: from that place nobody reaches with their centre of mass further than this
-            [m], of their own accord: somewhat less than half the way to the toes.
-        eye_range: that the eyes take without the neck [rad].
+        grasp_stiffness: stiffness of a hand's grasp of the object [N/m]; fingertips are of the
+            order of 1000, a whole fist several times that.
+        grasp_damping: damping of the grasp [N s/m].
+        grasp_lever: half the width of what the hand closes around, along the tool axis [m].
+        slip_force: force at which the hand slides along the object [N]: a moderate squeeze of
+            80 N from both sides at a friction of 0.5.
+        body_time: time constant with which trunk, neck and legs follow the planned posture
+            [s].
+        arm_time: the same of the arms, which only have to yield to what they hold [s]: of the
+            order of an arm's long-latency reflex.
+        plan_period: time between two updates of the plan [s].
+        tick: time between two commands to the muscles [s].
+        grip_used: share of the available friction that a person uses, so that nothing slides.
+        sway_stiffness: stiffness of the centre of mass over the soles, per mass [1/s^2].
+        sway_damping: damping of the same [1/s].
+        load_time: time constant with which a load in the hand is felt, or a load to come is
+            taken over [s].
+        lift_time: time constant with which a sinking load is lifted again [s].
+        bracing: share of a felt load that the legs brace against.
+        ahead: distance ahead of the ankles of the place over which the centre of mass is kept,
+            as a share of the foot's length: in quiet standing it is of the order of 50 mm.
+        farthest_over: largest distance from that place to which anybody moves their centre of
+            mass by themselves [m]: somewhat less than half the way to the toes.
+        eye_range: angle that the eyes turn without the neck [rad].
     """
 
     grasp_stiffness: float = 3000.0
@@ -130,13 +132,14 @@ HABITS: Final = Habits()
 class SoftRobot:
     """The impedance with which the simulated robot holds the object.
 
-    Its damping is to the ground, so it lags by damping over stiffness, 50 ms in shift and turn.
+    Its damping is to the ground, so it lags by damping over stiffness, 50 ms in shift and
+    turn.
 
     Attributes:
-        stiffness: [N/m].
-        damping: [N s/m].
-        turn_stiffness: [N m/rad].
-        turn_damping: [N m s/rad].
+        stiffness: stiffness of a shift [N/m].
+        damping: damping of a shift [N s/m].
+        turn_stiffness: stiffness of a turn [N m/rad].
+        turn_damping: damping of a turn [N m s/rad].
         load: mass of the object [kg], which the robot carries.
     """
 
@@ -150,7 +153,10 @@ class SoftRobot:
 SOFT_ROBOT: Final = SoftRobot()
 
 SOFT_ROBOT_DECLARED: Final = DeclaredRobot(lag=0.08, pose_noise=0.010, pose_noise_deg=1.0)
-"""What a controller may be told of that robot, as upper ends: its lag with a body on it, and how
-far a person who is led pulls and pushes it off its way (at full speed mostly below 30 N, up to 80
-N). When led people pulled half as hard again, with 60 ms and 5 mm one loop in three met a fault of
-the robot, with these none."""
+"""The declaration of that robot for a controller, as upper bounds.
+
+It contains the lag with a body on the robot, and how far a person who is led pulls and pushes
+it off its path (at full speed mostly below 30 N, up to 80 N). When led people pulled half as
+hard again, one loop in three had a robot fault with 60 ms and 5 mm, and none with these
+values.
+"""

@@ -1,4 +1,4 @@
-"""What makes a person with mass who they are, and how that is drawn."""
+"""The properties of a person with mass, and how they are drawn."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from ergoqp.simulation.people.mass.wishes import Wishes
 from ergoqp.simulation.people.senses import Senses, draw_senses
 
 _OWN_EFFORT: Final = (0.5, 2.0)
-"""Factor on every joint's effort, drawn log-uniformly per person and joint."""
+"""Range of the factor on every joint's effort, drawn log-uniformly per person and joint."""
 
 _BALANCE: Final = (200.0, 600.0)
-"""What it costs to have the centre of mass off the soles' middle, least and most [per m^2]."""
+"""Least and largest cost of the distance of the centre of mass from the soles' middle [per m^2]."""
 
 
 @dataclass(frozen=True)
 class Traits:
-    """What makes a person with mass who they are.
+    """The properties of a person with mass.
 
     Attributes:
         body: lengths and mass.
-        sex: of which the shares of mass are.
-        wishes: what the person minds.
-        senses: their own delay, and sensors of the plainer sort.
-        compensation: share of gravity that the muscles hold of themselves, 0.9 to 1.
-        work: what they do with the object.
+        sex: sex, for the shares of mass.
+        wishes: the costs by which they choose a posture.
+        senses: their delay and simple sensors.
+        compensation: share of gravity that the muscles compensate, 0.9 to 1.
+        work: how they hold the object.
     """
 
     body: Body
@@ -47,19 +47,19 @@ class Traits:
 
 
 def draw_traits(kind: str, problem: Problem, seed: int, body: Body | None = None) -> Traits:
-    """Return who works on a problem, the same for the same seed.
+    """Return a random person for a problem. The same seed gives the same person.
 
-    Bodies, comfort and senses are drawn as for everybody; of their own are what every joint's
-    effort counts, care for balance and the share of gravity that the muscles hold of themselves.
+    Body, comfort and senses are drawn as for all kinds. The effort of every joint, the cost of
+    imbalance and the share of gravity that the muscles compensate are drawn for this kind.
 
     Args:
         kind: name of the kind.
-        problem: of which only the work is read.
-        seed: of the person.
-        body: the person's body; None: drawn.
+        problem: the problem; only its work is used.
+        seed: seed of the person.
+        body: body of the person; None: it is drawn.
 
     Raises:
-        InputError: if the problem does not say how the object is held.
+        InputError: if the problem does not describe how the object is held.
     """
     bodies, habits, senses = generators(kind, problem.name, seed)
     work = Work.of(problem)

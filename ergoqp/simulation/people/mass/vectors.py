@@ -1,4 +1,4 @@
-"""Products of vectors: numpy's own take most of a tick of the muscles."""
+"""Products of vectors, because numpy's own would take most of the time of a tick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one person minds when they take a posture."""
+"""The costs by which a person chooses a posture."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Wishes:
-    """What one person minds.
+    """The costs by which one person chooses a posture.
 
     Attributes:
         comfort: posture with nothing to reach for (32,) [rad].
-        efforts: what it costs to be away from it (32,), per rad^2.
-        balance: what it costs to have the centre of mass off the middle of the soles, per m^2.
-        hands: that hold the object.
+        efforts: cost of a deviation from it (32,), per rad^2.
+        balance: cost of a distance of the centre of mass from the middle of the soles, per
+            m^2.
+        hands: hands that hold the object.
         seated: whether the pelvis stays on a seat.
     """
 
