@@ -95,7 +95,7 @@ class UnknownNamesError(RecordingError):
 
 
 class ProblemError(ErgoqpError, ValueError):
-    """A problem is not well posed: it has unknown or contradictory terms. All mistakes are listed.
+    """A problem is not well posed: it has unknown or contradictory terms.
 
     Example:
         >>> import ergoqp

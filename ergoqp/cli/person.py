@@ -171,7 +171,9 @@ def _score(
     recording: Annotated[
         Path,
         typer.Argument(
-            metavar="RECORDING", help="A motion-capture file (.bvh).", show_default=False
+            metavar="RECORDING",
+            help="A motion-capture file (C3D, BVH, MVNX, CSV ...).",
+            show_default=False,
         ),
     ],
     out: Annotated[Path | None, out_option("RECORDING")] = None,

@@ -50,22 +50,22 @@ def input_fields(problem: Problem) -> list[Field]:
         Field(
             "twist",
             6,
-            "what the robot really did in the last period [m/s, rad/s]; read if has_twist",
+            "motion of the robot in the last period [m/s, rad/s]; read if has_twist",
         ),
         Field(
             "dt",
             1,
-            "for how long this twist will be executed [s]; not the time since the last call",
+            "time for which this twist will be executed [s]; not the time since the last call",
         ),
-        Field("age", 1, "how old the posture is [s]"),
+        Field("age", 1, "age of the posture [s]"),
         Field("frame", 0, "1 if a posture arrived, 0 if not"),
         Field(
             "has_pose",
             0,
             "0: the pose is integrated from the last one, the first time from the posture",
         ),
-        Field("has_twist", 0, "0: the robot did what it was sent, as late as declared"),
-        Field("enable", 0, "0 decelerates to rest"),
+        Field("has_twist", 0, "0: the robot is assumed to follow the sent twists as declared"),
+        Field("enable", 0, "0: the object decelerates to rest"),
     ]
 
 
@@ -83,8 +83,8 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
             "send this: object velocity at the contact frame, world axes, linear first [m/s,"
             " rad/s]",
         ),
-        Field("pose", 16, "contact frame that the step reckoned with, row-major 4 x 4 [m]"),
-        Field("posture_rate", n, f"how the model person follows {unit}"),
+        Field("pose", 16, "contact frame that the step used, row-major 4 x 4 [m]"),
+        Field("posture_rate", n, f"predicted rate of the posture {unit}"),
         Field("cost", 1, "V of the posture [points]"),
         Field("gain", 1, "predicted improvement within one second at full speed [points]"),
         Field(
@@ -93,21 +93,27 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
             "distance of every row to its nearer end, negative outside, in the row's unit",
             array=True,
         ),
-        Field("slack", rows, "by how much each row was missed [its unit/s]", array=True),
+        Field("slack", rows, "violation of each soft row in the QP [its unit/s]", array=True),
         Field("multipliers", rows, "multiplier of each row in the QP", array=True),
-        Field("outside", rows, "1 for rows that are outside and on their way back", array=True),
-        Field("locked", n, "1 for joints at their end that do not follow"),
+        Field("outside", rows, "1 for rows that are outside and coming back", array=True),
+        Field("locked", n, "1 for joints that are held at their end"),
         Field("qp_residual", 1, "largest KKT residual of the QP; accepted up to 1e-6"),
         Field("contact", 1, "contact motion that the posture cannot follow [m/s, rad/s]"),
-        Field("accepted", 1, "share of the way from braking to the QP's answer that was certified"),
+        Field("accepted", 1, "certified share of the QP's answer: 0 braking, 1 all of it"),
         Field("status", 0, "an ergoqp_status"),
-        Field("causes", 0, "bits by ergoqp_cause: why inputs or the answer were not used"),
-        Field("fault", 0, "an ergoqp_fault: what the robot does other than declared"),
+        Field("causes", 0, "bits by ergoqp_cause: inputs or answers that were not used, and why"),
+        Field("fault", 0, "an ergoqp_fault: deviation of the robot from its declaration"),
         Field(
-            "fault_amount", 1, "how much: a factor, seconds, metres, radians or metres per second"
+            "fault_amount",
+            1,
+            "size of the fault: a factor, seconds, metres, radians or metres per second",
         ),
     ]
-    drawn = Field("drawn", 0, "1 there, 2 looks, 3 after it, 4 back; 0: descent alone")
+    drawn = Field(
+        "drawn",
+        0,
+        "the guide: 1 on the way there, 2 waits there, 4 on the way back; 0: no influence",
+    )
     return [*fields, *([drawn] if guided else [])]
 
 

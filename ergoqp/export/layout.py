@@ -18,21 +18,20 @@ from ergoqp.step.state import initial_state
 from ergoqp.step.under_way.history import SHORTEST_DT
 
 _GUIDE_VALUES = f"""
-/* For ergoqp_guide: nobody knows what a place promises; somebody else judges it. */
+/* Promises for ergoqp_guide: the cost there is unknown; the caller judges the place. */
 #define ERGOQP_PROMISE_UNKNOWN {UNKNOWN!r}
 #define ERGOQP_PROMISE_FIRM {FIRM!r}
 """
 _GUIDE_CALLS = """\
-/* Be drawn to a place from now on, a contact frame in the world, row-major 4 x 4 [m], where descent
- * alone comes to rest at a worse one; a null pointer: descent alone. promise: the cost that is
- * expected there [points]. What was learned of the last place is forgotten. Returns 0, and leaves
- * the stepper as it is, if the place is not a finite rigid pose or the promise not finite. Whether
- * the place is within the workspace is not looked at: the object goes as far as its limits let it.
- * Begun with is the place that the step was exported with, which ergoqp_init and ergoqp_take_over
- * come back to: name yours again after them. */
+/* Set the place of the guide: a contact frame in the world, row-major 4 x 4 [m]. A null pointer:
+ * descent alone. promise: the expected cost there [points]. The trial of the last place is
+ * forgotten. Returns 0 and changes nothing if the place is not a finite rigid pose or the promise
+ * is not finite. The place may be outside the workspace: the object then goes as far as its limits
+ * allow. ergoqp_init and ergoqp_take_over set the place of the export: call this function again
+ * after them. */
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise);
 
-/* Try the place anew: what was learned about it is forgotten. */
+/* Try the place again: the trial of it is forgotten. */
 void ergoqp_try_again(ergoqp_stepper* stepper);
 
 """
@@ -46,9 +45,9 @@ def header(problem: Problem, guided: bool = False) -> str:
     return f"""/* The control step of problem "{problem.name}", exported by ergoqp {__version__}.
  *
  * Axes: x forward, y left, z up; metres, radians, seconds. A twist is linear first, at the contact
- * frame, along the axes of the world. Nothing is allocated: all memory is in an ergoqp_stepper,
- * which can be static. The only state is in there too, so the same calls give the same answers, and
- * steppers do not know of each other.
+ * frame, along the axes of the world. Nothing is allocated: all memory and all state are in an
+ * ergoqp_stepper, which can be static. The same calls give the same answers. Several steppers are
+ * independent.
  */
 #ifndef ERGOQP_STEP_H
 #define ERGOQP_STEP_H
@@ -85,7 +84,7 @@ typedef struct {{
 {members(output_fields(problem, guided))}
 }} ergoqp_output;
 
-/* One control loop. Its members are nobody's business. */
+/* One control loop. The members are private. */
 typedef struct {{
     double input[ERGOQP_INPUT_DOUBLES], output[ERGOQP_OUTPUT_DOUBLES];
     double state[ERGOQP_STATE];{" double guide[18];" if guided else ""}
@@ -95,26 +94,25 @@ typedef struct {{
     double* res[ERGOQP_SZ_RES];
 }} ergoqp_stepper;
 
-/* Standstill: forgets the last twists, the last pose and the rest state. To call before the first
- * step. */
+/* Reset the state to standstill, without a last twist or pose. Call it before the first step. */
 void ergoqp_init(ergoqp_stepper* stepper);
 
-/* The same for an object that moves already: takes it over, once, its twist clipped to the speed
- * limits. Returns 0 if it is not finite. */
+/* The same for an object that is moving already. Call it once, with the measured twist, which is
+ * clipped to the speed limits. Returns 0 if the twist is not finite. */
 int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]);
 
-/* What most loops give: a frame, everything seen, no pose, no twist, the problem's period, age 0,
+/* Set the defaults: a frame, all joints seen, no pose, no twist, the problem's period, age 0,
  * enabled. */
 void ergoqp_input_defaults(ergoqp_input* input);
 
-/* One step. Whatever comes in, `output->twist` keeps the object's limits. Returns the status. */
+/* One step. `output->twist` keeps the limits of the object for every input. Returns the status. */
 ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input,
                           ergoqp_output* output);
 
-/* For the robot's watchdog, when no step came in time: the next twist of the stop, executed for dt
- * seconds, without new data. The stepper goes on with it. elapsed: seconds for which the robot has
- * already ramped down along that stop by itself; after another ramp: ergoqp_take_over. Not beside
- * ergoqp_step in another thread: one stepper belongs to one thread at a time. */
+/* For the robot's watchdog, if no step came in time: the next twist of the stop, to be executed for
+ * dt seconds. It needs no new data and updates the stepper. elapsed: seconds for which the robot
+ * has already slowed down along that stop by itself; after another ramp call ergoqp_take_over. A
+ * stepper must not be used by two threads at once. */
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed,
                            ergoqp_output* output);
 

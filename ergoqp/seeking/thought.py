@@ -87,8 +87,8 @@ class Thought:
             person = self._identifier.identify(rests, longest=longest / 2)
             if not person.residual_deg <= FITS_DEG:
                 self.note = (
-                    f"nobody rests as was measured, {person.residual_deg:.0f} deg off the likeliest"
-                    " person: another hand, or other angles?"
+                    f"no person of the model rests as measured: the likeliest one is"
+                    f" {person.residual_deg:.0f} deg off (another hand, or wrong angles?)"
                 )
                 return []
             return self._promising.places(

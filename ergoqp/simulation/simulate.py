@@ -76,7 +76,7 @@ def simulate(
             measured score, see `ergoqp.Seeker`; None: no places are tried. It cannot be
             combined with a guide.
         robot: how the robot executes the sent twist; None: with the errors that the problem
-            declares, or, without a declaration, as in the simulation of the person.
+            declares. If the simulation of the person has a robot of its own, it comes after.
         senses: sensors between person and controller, including constant errors of angles;
             None: those of the person.
 

@@ -398,5 +398,5 @@ def test_another_hand_than_the_one_that_is_expected_is_named() -> None:
     assert within_limits(problem, steps)
     assert not seeker.seeks
     assert not any(step.twist.any() for step in steps[-300:])
-    assert "nobody rests as was measured" in steps[-1].reason
+    assert "no person of the model rests as measured" in steps[-1].reason
     assert not any(each.name == THEIRS for each in seeker.account)

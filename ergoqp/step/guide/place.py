@@ -97,8 +97,8 @@ def _check_origin(problem: Problem, guide: Any) -> None:
         )
     if mode != "stackelberg":
         raise InputError(
-            f"guide: got a place of mode {mode}, whose posture nobody has to take, allowed"
-            " stackelberg"
+            f"guide: got a place of mode {mode}, in which the posture was chosen too, allowed a"
+            " place of mode stackelberg"
         )
 
 
