@@ -37,13 +37,13 @@ CORE: Final = "ergoqp_core"
 
 
 _DRAWN: Final = (
-    "The step is drawn to the place that it was exported with where descent alone comes to rest at"
-    " a worse one;\n  `ergoqp_guide` names another place, or none. What a place promises is a cost,"
-    " or one of `ERGOQP_PROMISE_...`."
+    "The step was exported with a guide: where descent comes to rest at a worse place, the object\n"
+    "  goes to that of the guide. `ergoqp_guide` sets another place, or none. The promise of a place\n"
+    "  is its expected cost, or one of `ERGOQP_PROMISE_...`."
 )
 _DESCENT: Final = (
-    "The step goes by descent; one that can be drawn toward a place is exported with a guide"
-    " (`--guide`, `guide=`)."
+    "The step descends the cost. To have it go to a given place too, export it with a guide\n"
+    "  (`--guide`, `guide=`)."
 )
 
 

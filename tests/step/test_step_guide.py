@@ -329,7 +329,7 @@ def test_what_a_place_promises_is_the_cost_of_its_posture() -> None:
         ),
         (
             {"problem": "screwing", "mode": "cooperative"},
-            "guide: got a place of mode cooperative, .* allowed stackelberg",
+            "guide: got a place of mode cooperative, .* allowed a place of mode stackelberg",
         ),
     ],
 )
