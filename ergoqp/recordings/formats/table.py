@@ -235,7 +235,7 @@ def _head(lines: TextLines) -> tuple[list[str], str, int]:
     """Return the rows above the numbers that are not empty, the first row of numbers and its line.
 
     The first row of numbers remains to be read, and so do empty rows above it, which may be frames.
-    The numbers begin where all rows up to one of numbers only are mostly numbers.
+    The numbers begin with the first of a run of rows that are mostly numbers.
     """
     head: list[str] = []
     rows: list[str] = []
