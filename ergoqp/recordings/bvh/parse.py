@@ -114,9 +114,7 @@ class _Cursor:
         except ValueError:
             self.fail(f"{what}: got {short(word)}, allowed a number")
         if not abs(value) <= _LARGEST:  # also false for NaN
-            self.fail(
-                f"{what}: got {short(word)}, allowed finite numbers up to {_LARGEST:g}"
-            )
+            self.fail(f"{what}: got {short(word)}, allowed finite numbers up to {_LARGEST:g}")
         return value
 
 
@@ -203,8 +201,7 @@ def _read_joint(cursor: _Cursor, words: list[str], depth: int, lines: dict[str, 
         )
     if depth >= _DEEPEST:
         cursor.fail(
-            f"joint {short(name)} is nested too deeply, allowed {_DEEPEST} joints inside each"
-            " other"
+            f"joint {short(name)} is nested too deeply, allowed {_DEEPEST} joints inside each other"
         )
     lines[name] = cursor.line
     cursor.part("{")
@@ -228,9 +225,7 @@ def _read_channels(cursor: _Cursor) -> tuple[str, ...]:
         )
     for name in names:
         if name not in CHANNELS:
-            cursor.fail(
-                f"got the channel {short(name)}, allowed {', '.join(CHANNELS)}"
-            )
+            cursor.fail(f"got the channel {short(name)}, allowed {', '.join(CHANNELS)}")
     if len(set(names)) != len(names):
         cursor.fail("got a channel twice in one joint, allowed once")
     return tuple(names)
