@@ -54,7 +54,7 @@ def of_subject(
     if subject is not None and subject not in groups:
         raise InputError(
             f"{where}: subject: got {subject!r}, allowed"
-            f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: no name has one'}"
+            f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: there is no prefix'}"
         )
     if not groups:
         return motion
@@ -85,7 +85,7 @@ def of_subject(
             continue
         objects[prefix] = pose
         said.append(
-            f"{prefix} is an object with {len(names)} markers: its origin is their middle, and its"
+            f"{prefix} is an object of {len(names)} markers: its origin is their middle, and its"
             " axes are the file's axes in the first frame in which it is seen."
         )
     if others:

@@ -67,7 +67,7 @@ def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
                 progress(min(count / max(stated, 1), 1.0))
     progress(1.0)
     if count < stated:
-        notes.append(f"The bag states {stated} messages on its topics, but has {count}.")
+        notes.append(f"The bag states {stated} messages on its topics and has {count}.")
     person, said = topics.person()
     frames = topics.clock() if person is None else person.frames
     if frames is None:

@@ -181,5 +181,5 @@ class Topics:
     def _check(self, count: int, what: str, things: str) -> None:
         if count > MOST:
             raise RecordingError(
-                f"{self.where}: {what} more than {MOST} {things}, allowed at most as many"
+                f"{self.where}: {what} more than {MOST} {things}, allowed at most that many"
             )

@@ -66,7 +66,7 @@ class Tree:
             parents.setdefault(parent, Series(7)).add(stamp_of(each.header), recorded, row)
             if len(self._moving) > MOST or len(parents) > MOST:
                 raise RecordingError(
-                    f"{self.where}: got more than {MOST} moving frames of tf, allowed at most as"
+                    f"{self.where}: got more than {MOST} moving frames of tf, allowed at most that"
                     " many"
                 )
 

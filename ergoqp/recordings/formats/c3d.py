@@ -105,7 +105,7 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
     twice: dict[str, None] = {}
     if len(stated) > head.points and any(stated[head.points :]):
         notes.append(
-            f"The file names {len(stated)} points but has {head.points}: the first names are used."
+            f"The file names {len(stated)} points and has {head.points}: the first names are used."
         )
     lost = max(head.points - len(stated), 0)
     for i, name in enumerate(stated[: head.points]):

@@ -101,7 +101,7 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         others = {n: t for n, t in bodies.items() if points.get(n) is not t}
         taken = [*points.values(), *others.values()]
         if twice := [thing.name for thing in taken if thing.twice]:
-            lines.fail(f"got columns of {short(twice[0])} twice, allowed each once")
+            lines.fail(f"got the columns of {short(twice[0])} twice, allowed each once")
         oriented = [thing for thing in taken if thing.of("Rotation")]
         columns = [c for thing in taken for c in thing.of("Position") or ()]
         turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
@@ -212,4 +212,4 @@ def _counted(path: Path, stated: Mapping[str, str], found: int) -> list[str]:
         raise RecordingError(
             f"{path.name}: got {found} frames, allowed {total} as stated; the recording is cut"
         )
-    return [f"The file states {total} frames but has {found}: all are read."]
+    return [f"The file states {total} frames and has {found}: all are read."]

@@ -79,7 +79,7 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     values = rows.whole
     time, kept, notes = seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
-        notes.insert(0, f"The file states {total} rows but has {len(values)}: all are read.")
+        notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")
     degrees = stated.get("indegrees", "no") in {"yes", "true", "1"}
     if "indegrees" not in stated:
         degrees = "version" not in stated and path.suffix.lower() == ".mot"

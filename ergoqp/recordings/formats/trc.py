@@ -88,7 +88,7 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         ("nummarkers", len(names), "markers"),
     ):
         if (count := count_of(stated.get(key, ""))) not in {None, found}:
-            notes.append(f"The file states {count} {what} but has {found}: all are read.")
+            notes.append(f"The file states {count} {what} and has {found}: all are read.")
     unit = stated.get("units", "").lower()
     return JointMotion(
         tuple(names),
