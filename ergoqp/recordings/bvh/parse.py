@@ -102,7 +102,7 @@ class _Cursor:
         alone = keyword in "{}"
         if words[0] != keyword or (alone and len(words) > 1):
             allowed = f"{keyword} alone on its line" if alone else f"a line {keyword}"
-            self.fail(f"got {short(' '.join(words))}, allowed here: {allowed}")
+            self.fail(f"got {short(' '.join(words))}, allowed here is {allowed}")
         return words[1:]
 
     def fail(self, problem: str) -> NoReturn:

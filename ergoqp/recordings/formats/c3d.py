@@ -118,7 +118,7 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
     if lost:
         notes.append(f"{lost} of {head.points} points have no label and are left out.")
     if twice:
-        notes.append(f"In the file twice, and the first is used: {some(list(twice))}.")
+        notes.append(f"{some(list(twice))}: in the file twice; the first is used.")
     return labels, notes
 
 

@@ -63,9 +63,9 @@ def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, t
     ):
         fail(
             path,
-            f"got {there} frames of which {count} are stated, allowed more than 65535 with a long"
-            " count (TRIAL:ACTUAL_END_FIELD or POINT:LONG_FRAMES) only; export the take with it, or"
-            " in parts",
+            f"got {there} frames of which {count} are stated, allowed a long count"
+            " (TRIAL:ACTUAL_END_FIELD or POINT:LONG_FRAMES) beyond 65535; export the take with it,"
+            " or in parts",
         )
     if not count:
         fail(path, f"got the frames {head.first} to {head.last}, allowed 1 and more")

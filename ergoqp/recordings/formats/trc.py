@@ -49,7 +49,7 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         first = lines.next("the line PathFileType")
         if not first.startswith("PathFileType"):
             lines.fail(f"got {short(first)}, allowed PathFileType")
-        keys, values = lines.next("the names of the values"), lines.next("the values")
+        keys, values = lines.next("the row of keys"), lines.next("the row of values")
         row = lines.next("the names of the markers")
         separator = separator_of(row)
         named = zip(cells(keys, separator), cells(values, separator), strict=False)
