@@ -164,7 +164,7 @@ def _reading(
     window: tuple[float, float] | None,
     asked: Asked,
 ) -> Reading:
-    """Check what can be checked before a file is read, and return it."""
+    """Check the options before the file is read, and return them."""
     if unit_to_m is not None and not (
         isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0
     ):

@@ -70,7 +70,7 @@ def chosen(
     beyond = np.maximum(lower - both, both - upper).clip(0)
     since = np.diff(at, prepend=-np.inf)[:, None]
     here = _IMPLAUSIBLE * np.minimum(since, 0.1) * (beyond - _TOLERANCE).clip(0) * told
-    # After a gap, angles within the ranges and an arm that was lifted forward are preferred.
+    # After a gap, angles within the ranges and an arm that is lifted forward are preferred.
     anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
     cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
     if begin is not None:

@@ -35,7 +35,7 @@ _IDS: Final = 100_000
 _CHANGES: Final = 3
 """Fewer changes of the body's number are no evidence."""
 _APART: Final = 0.3
-"""Distance that nobody's pelvis moves from one message to the next [m]."""
+"""Distance by which no pelvis moves from one message to the next [m]."""
 _CROWD: Final = 20
 """Largest number of bodies that are read if several are seen at once; more are tracking errors."""
 

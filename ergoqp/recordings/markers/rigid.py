@@ -124,7 +124,7 @@ def _first(whole: np.ndarray, sample: np.ndarray) -> np.ndarray:
 
 
 def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turns, places, and which points are not those of the shape (n, m) bool."""
+    """Return the pose of a shape in each frame, and the points in a wrong place (n, m) bool."""
     seen = _seen(points) & np.isfinite(shape).all(axis=1)
     turn, place = _brought(points, shape, seen)
     away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
@@ -133,7 +133,7 @@ def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
     bad = np.flatnonzero((miss > _ASTRAY / 2) & (seen.sum(axis=1) >= 4))
     if not len(bad):
         return turn, place, astray
-    # What explains all points before what explains all but one.
+    # An exchange explains all points, so it is tried before one point is left out.
     turn[bad], place[bad], astray[bad] = _exchanged(
         points[bad], shape, seen[bad], turn[bad], place[bad]
     )
@@ -145,7 +145,7 @@ def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _finite(points: np.ndarray) -> np.ndarray:
-    """Return points (n, m, 3), NaN for those that are not seen as a whole."""
+    """Return points (n, m, 3), with NaN for points with a missing coordinate."""
     return np.where(_seen(points)[:, :, None], points, np.nan).astype(float)
 
 
