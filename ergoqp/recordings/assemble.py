@@ -41,7 +41,7 @@ from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
 
 CALIBRATION = "calibration pose"
-"""Cause for which the frames of a T-pose at the begin or end of a recording are not scored."""
+"""Cause for which the frames of a T-pose at the start or end of a recording are not scored."""
 _FOUND: Final = 0.3
 """Share of the progress at which the joint centres are found."""
 _FARTHEST: Final = 1e9

@@ -194,7 +194,7 @@ def _check_window(window: tuple[float, float]) -> None:
         raise InputError(f"window: got {shown(window)}, allowed two times in seconds")
     if not window[0] < window[1]:
         raise InputError(
-            f"window: got {window[0]:g} to {window[1]:g} s, allowed an end later than the begin"
+            f"window: got {window[0]:g} to {window[1]:g} s, allowed an end later than the start"
         )
 
 

@@ -19,7 +19,7 @@ _IMPLAUSIBLE: Final = 10.0
 _LEAST: Final = 0.1
 """Smallest weight of a change of the flexion, even where the flexion is not determined."""
 _OVER: Final = 0.6
-"""Cost of a begin with an abduction above 90 degrees [rad]."""
+"""Cost of a start with an abduction above 90 degrees [rad]."""
 _GAP: Final = 0.5
 """Duration of a gap after which the sequence begins anew [s]."""
 

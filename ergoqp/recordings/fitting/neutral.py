@@ -3,7 +3,7 @@
 The zero is taken from the first of these that exists:
 
 1. what the user states;
-2. a T-pose at the begin or the end, because people stand straight in it;
+2. a T-pose at the start or the end, because people stand straight in it;
 3. a second or more of walking with the hips above the feet, if the skeleton leans in it by more
    than walkers do;
 4. the skeleton's rest pose, if its naming is known to rest upright;

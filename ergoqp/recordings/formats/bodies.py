@@ -2,7 +2,7 @@
 
 Such folders come from scripts of laboratories that log one rigid body or bone per file. A part of
 the file names that is common to all files is not part of the body's name. With several people, the
-begin of the file name states the person.
+beginning of the file name states the person.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ _SIDES: Final = frozenset({"left", "right", "l", "r"})
 
 
 def names_of(paths: list[Path]) -> list[str]:
-    """Return the bodies' names: the file names without a shared begin and end, up to a mark.
+    """Return the bodies' names: the file names without a shared start and end, up to a mark.
 
     Bodies of several people get the person as a prefix: "giver:head".
     """
@@ -46,7 +46,7 @@ def names_of(paths: list[Path]) -> list[str]:
 
 
 def of_people(paths: list[Path]) -> list[bool]:
-    """Return which bodies are a person's: those with a common begin, if others have another."""
+    """Return which bodies are a person's: those with a common start, if others have another."""
     stems = [path.stem for path in paths]
     begins = list(map(_first, stems))
     if people := _people(stems):
@@ -57,14 +57,14 @@ def of_people(paths: list[Path]) -> list[bool]:
 
 
 def _people(stems: list[str]) -> set[str]:
-    """Return the begins that have enough bodies for a person, if there are at least two such."""
+    """Return the starts of names with enough bodies for a person, if there are at least two."""
     begins = Counter(begin for stem in stems if (begin := _first(stem)) != stem)
     found = {begin for begin, count in begins.items() if count >= _LEAST}
     return found if len(found) > 1 else set()
 
 
 def _first(stem: str) -> str:
-    """Return the begin of a name up to a mark; the whole name if that begin is a side, or none."""
+    """Return the start of a name up to a mark; the whole name if that is a side or there is none."""
     match = re.match(r"[^_\-. ]+[_\-. ]", stem)
     sided = match and match.group(0)[:-1].casefold() in _SIDES
     return match.group(0) if match and not sided else stem

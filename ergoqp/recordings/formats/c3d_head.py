@@ -68,7 +68,7 @@ class Head:
         first: number of the first frame in the header.
         last: number of the last frame in the header, at most 65 535.
         scale: unit of the integers [file unit]; negative: the frames are floats.
-        start: begin of the frames [bytes].
+        start: position of the first frame [bytes].
         rate: frames per second [Hz].
         numbers: number format.
         parameters: group -> name -> value: text, list of texts or array (n,) of numbers.
@@ -114,7 +114,7 @@ class Head:
 
 
 def is_c3d(first: bytes) -> bool:
-    """Return whether a file is a C3D file, from its begin.
+    """Return whether a file is a C3D file, from its first bytes.
 
     Args:
         first: its first bytes, 255 blocks or all.
@@ -130,7 +130,7 @@ def read_head(path: Path, file: BinaryIO) -> Head:
 
     Args:
         path: the file.
-        file: the opened file, at its begin.
+        file: the opened file, at its start.
 
     Raises:
         RecordingError: if it is not a C3D file, is cut, or states an impossible value.
@@ -210,7 +210,7 @@ def _first(value: Any) -> float | None:
 def _parameters(
     path: Path, raw: bytes, long: int, numbers: Numbers
 ) -> tuple[dict[str, dict[str, Any]], int]:
-    """Return group -> name -> value, and the begin of the last parameter [bytes].
+    """Return group -> name -> value, and the start of the last parameter [bytes].
 
     Values that cannot be read are None.
 

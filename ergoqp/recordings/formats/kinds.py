@@ -38,7 +38,7 @@ _COMPRESSED: Final = (
 )
 """First bytes of files of gzip, zip, 7z, xz, bzip2, Zstandard and RAR."""
 _SHEETS: Final = (b"[Content_Types].xml", b"xl/", b"opendocument.spreadsheet")
-"""Texts near the begin of a zip file that a spreadsheet program has written."""
+"""Texts near the start of a zip file that a spreadsheet program has written."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def kind_of(path: Path) -> Kind:
 
 
 def _marked(first: bytes) -> Kind | None:
-    """Return the format whose mark is at the begin of a file; None if there is none."""
+    """Return the format whose mark is at the start of a file; None if there is none."""
     if first.startswith(tuple(MARKS)):
         return BAG
     if is_c3d(first):

@@ -28,7 +28,7 @@ _PROLOG: Final = 1 << 20
 _CHUNK: Final = 1 << 18
 """Bytes that are read at once; a parser may scan an unfinished element again with each chunk."""
 _LONGEST: Final = 64
-"""Largest number of chunks in a row without the begin or end of an element."""
+"""Largest number of chunks in a row without the start or end of an element."""
 _DEEPEST: Final = 50
 """Largest depth of nested elements; Xsens has seven."""
 

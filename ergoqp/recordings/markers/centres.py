@@ -247,7 +247,7 @@ def _knee(
     both.
 
     Args:
-        hip: begin of the thigh (n, 3).
+        hip: upper end of the thigh (n, 3).
         marker: marker on the outside of the knee.
         ankle: marker on the outside of the ankle, and the joint if both sides have a marker.
         usual: outward direction while the leg is straight and does not show it.

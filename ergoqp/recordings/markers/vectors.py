@@ -9,7 +9,7 @@ def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float)
     """Return the joint below a marker (n, 3), perpendicular to the bone from `origin` to it.
 
     Args:
-        origin: begin of the bone (n, 3).
+        origin: start of the bone (n, 3).
         marker: marker on the outside of the joint (n, 3).
         aside: outward direction (n, 3).
         by: distance of the joint inside the marker.

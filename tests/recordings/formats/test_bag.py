@@ -191,8 +191,9 @@ def test_markers_without_a_definition(tmp_path: Path, kind: str) -> None:
     motion = read(path)
     assert motion.of("PELVIS")[1:, 2] == pytest.approx(TIMES[1:], abs=1e-6)
     name = "Foxy" if kind == "foxy" else "Humble and later"
-    said = f"The bag does not define its messages: those of ROS 2 {name} are used."
-    assert said in motion.notes
+    assert (
+        f"The bag does not define its messages: those of ROS 2 {name} are used."
+    ) in motion.notes
 
 
 @pytest.mark.parametrize("kind", KINDS)
