@@ -64,7 +64,7 @@ def _people(stems: list[str]) -> set[str]:
 
 
 def _first(stem: str) -> str:
-    """Return the start of a name up to a mark; the whole name if that is a side or there is none."""
+    """Return the start of a name up to a mark; the whole name without a mark or if it is a side."""
     match = re.match(r"[^_\-. ]+[_\-. ]", stem)
     sided = match and match.group(0)[:-1].casefold() in _SIDES
     return match.group(0) if match and not sided else stem
