@@ -1,4 +1,4 @@
-"""Recordings: other people's motion-capture files, read with care and turned into postures."""
+"""Recordings: motion-capture files, read and turned into postures."""
 
 from ergoqp.recordings.load import fit_postures as fit_postures
 from ergoqp.recordings.load import load_recording as load_recording

@@ -1,4 +1,4 @@
-"""Another recording of the same person, in which they stand straight: whether it is that."""
+"""Check of another recording in which the same person should stand straight."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from ergoqp.recordings.fitting.neutral import stands_straight
 from ergoqp.recordings.fitting.person import measured_lengths
 
 _SIMILAR: Final = math.log(1.15)
-"""By how much the proportions of a person's segments may differ between two recordings."""
+"""Largest log ratio of a segment's proportions between two recordings of the same person."""
 _STANDS: Final = math.radians(12)
-"""Straight legs of somebody who stands lean by less [rad]."""
+"""Largest lean of the straight legs of a person who stands [rad]."""
 
 
 def check_same_person(
     where: str, own: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]
 ) -> None:
-    """Raise if two recordings are of skeletons with other proportions.
+    """Raise if the skeletons of two recordings have different proportions.
 
     Args:
         where: the recording's name, for messages.
         own: centre -> positions (n, 3), any unit.
-        other: likewise in the other recording, in its unit.
+        other: the same of the other recording, in its unit.
 
     Raises:
-        RecordingError: saying which segment differs the most.
+        RecordingError: if they differ, with the segment that differs most.
     """
     mine, theirs = measured_lengths(own), measured_lengths(other)
     both = [name for name in mine if name in theirs]
@@ -38,13 +38,13 @@ def check_same_person(
         return
     ratios = np.array([math.log(theirs[name] / mine[name]) for name in both])
     off = np.abs(ratios - np.median(ratios))
-    # One segment may be measured badly in one of them.
+    # One segment may be measured badly in one of the recordings.
     if np.sort(off)[-2] <= _SIMILAR:
         return
     worst = int(np.argmax(off))
     raise RecordingError(
-        f"{where}: neutral: got a skeleton of other proportions ({both[worst].replace('_', ' ')}"
-        f" {100 * (math.exp(off[worst]) - 1):.0f} % off), allowed the same person's"
+        f"{where}: neutral: got a skeleton with other proportions ({both[worst].replace('_', ' ')}"
+        f" {100 * (math.exp(off[worst]) - 1):.0f} % off), allowed that of the same person"
     )
 
 
@@ -56,7 +56,8 @@ def check_stands(where: str, places: Mapping[str, np.ndarray]) -> None:
         places: centre -> positions (n, 3), along our axes as they are in the first recording.
 
     Raises:
-        RecordingError: the person leans as a whole there, or the camera is tilted otherwise.
+        RecordingError: if they are not: the person leans as a whole there, or the camera's tilt is
+            another.
     """
     stands = stands_straight(places)
     legs = [
@@ -71,6 +72,6 @@ def check_stands(where: str, places: Mapping[str, np.ndarray]) -> None:
     if angle > _STANDS:
         raise RecordingError(
             f"{where}: neutral: got a recording in which straight legs lean by"
-            f" {math.degrees(angle):.0f} deg to this one's vertical axis, allowed one with the"
-            " camera and the axes as here"
+            f" {math.degrees(angle):.0f} deg to this one's vertical axis, allowed one with the same"
+            " camera and the same axes"
         )

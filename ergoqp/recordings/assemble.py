@@ -1,4 +1,4 @@
-"""From the joints of a recording to its postures: name, place, straighten, fit."""
+"""Postures from the joints of a recording: name, place, straighten and fit them."""
 
 from __future__ import annotations
 
@@ -41,31 +41,31 @@ from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
 
 CALIBRATION = "calibration pose"
-"""Why the frames of a T-pose at the begin or end of a recording are not scored."""
+"""Cause for which the frames of a T-pose at the start or end of a recording are not scored."""
 _FOUND: Final = 0.3
-"""What finding the joint centres is of the whole work."""
+"""Share of the progress at which the joint centres are found."""
 _FARTHEST: Final = 1e9
-"""No coordinate is larger in any unit: what is, is no place, and its square would be infinite."""
+"""Largest coordinate in any unit; the square of a much larger number would be infinite."""
 _EXACT: Final = 1e-3
-"""Numbers have to be as exact as this [m]."""
+"""Precision that the coordinates need [m]."""
 _FEW: Final = 20
-"""Frames by which markers are not calibrated, if there are others."""
+"""If fewer frames than this are scored, the places of markers are computed from all frames."""
 
 
 def recording_of(
     motion: JointMotion, where: str, reading: Reading, progress: Progress = unseen
 ) -> Recording:
-    """Return the postures behind the joints of a recording.
+    """Return the postures that belong to the joints of a recording.
 
     Args:
         motion: the joints.
-        where: its name, for messages.
-        reading: how it is to be read.
-        progress: told the share of the frames that is fitted.
+        where: the recording's name, for messages.
+        reading: options for reading it.
+        progress: is called with the share of the frames that is fitted.
 
     Raises:
-        RecordingError: the skeleton, the unit or the axes are not known.
-        InputError: what was stated does not fit the recording.
+        RecordingError: if the skeleton, the unit or the axes are unknown.
+        InputError: if a stated option does not fit the recording.
     """
     exact = _exactness(where, motion)
     if reading.window is not None:
@@ -90,7 +90,8 @@ def recording_of(
     if exact * unit > _EXACT:
         raise RecordingError(
             f"{where}: got coordinates so far from the origin that they are exact to"
-            f" {1000 * exact * unit:.0f} mm only, allowed with the origin near the person"
+            f" {1000 * exact * unit:.0f} mm only, allowed coordinates with the origin near the"
+            " person"
         )
     axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
     held = held_object(where, motion.objects, reading.thing, axes, centres, assumptions)
@@ -98,7 +99,7 @@ def recording_of(
     body, measured = reading.body, ()
     if body is None:
         body, measured = measured_body(where, lengths, stature, unit, assumptions)
-    # An hour of it is much: what is not needed any more goes, and single precision is kept.
+    # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in named.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
     upright, whole = found.upright, found.whole
@@ -110,7 +111,7 @@ def recording_of(
     world = _with_both_hips(world, assumptions)
     world, said = smoothed(world, time)
     assumptions.extend(said)
-    # A nose that was put ahead of the trunk shows nothing.
+    # A nose that was assumed to point ahead of the trunk is no evidence.
     shown = {name: path for name, path in world.items() if name != "nose" or AHEAD not in found_out}
     if unsure := check_sides(where, shown):
         assumptions.append(unsure)
@@ -132,14 +133,14 @@ def recording_of(
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
         to_ours = axes * whole.unit if whole.unit else axes
-        # Without what is astray others are told, and with it their user is.
+        # Lost markers are estimated without those left out.
         seen = {name: whole.of(name)[frames].astype(float) @ to_ours.T for name in markers}
         seen |= {name: seen[name] + shift[frames] for name, shift in along.items()}
         steady = _calibrated(body, result, frames, seen, landmarks)
         more = completed(whole, steady, body, result.pelvis, result.postures, to_ours, along)
         if more is not None:
             again = replace(reading, window=None, subject=None, completed=True)
-            # Where they sit is told by those that were seen, and by all of them.
+            # Places on the body are those by the seen markers, including those left out.
             return replace(recording_of(more, where, again, progress), markers=sits)
     del whole, along
     if posed.any() and not posed.all():
@@ -159,7 +160,7 @@ def recording_of(
         errors=result.errors,
         not_scored=result.not_scored,
         markers=sits,
-        # Centres that joint angles place are those of the body that they were placed with.
+        # From joint angles the centres have the lengths of the body that they were placed with.
         measured=() if upright else measured,
     )
 
@@ -167,7 +168,7 @@ def recording_of(
 def _seen_at_all(
     paths: Mapping[str, np.ndarray], where: str, assumptions: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the centres without those that the recording names and never sees."""
+    """Return the centres without those that are named in the recording but never seen."""
     found = {name: path for name, path in paths.items() if np.isfinite(path).any()}
     if len(found) < len(paths):
         check_placed(tuple(found), where)
@@ -177,7 +178,7 @@ def _seen_at_all(
 
 
 def _exactness(where: str, motion: JointMotion) -> float:
-    """Return how exact the positions are as numbers; refuse coordinates that are no places."""
+    """Return the precision of the positions as numbers; raise if a coordinate is too large."""
     most = 0.0
     for i, name in enumerate(motion.names):
         path = motion.positions[:, i]
@@ -194,7 +195,7 @@ def _exactness(where: str, motion: JointMotion) -> float:
 def _with_both_hips(
     world: Mapping[str, np.ndarray], assumptions: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the centres with a hip that is not seen opposite to the one that is."""
+    """Return the centres, with a hip that is not seen placed opposite to the other one."""
     found, pelvis = dict(world), world.get("pelvis")
     for side, other in (("right", "left"), ("left", "right")):
         hip = world.get(f"{other}_hip")
@@ -205,8 +206,8 @@ def _with_both_hips(
             gained = np.isfinite(opposite[:, 0]) & np.isnan(own[:, 0])
             if gained.any():
                 assumptions.append(
-                    f"In {int(gained.sum())} frames the {side} hip is not seen: it is taken to be"
-                    " opposite to the other one about the pelvis."
+                    f"In {int(gained.sum())} frames the {side} hip is not seen: it is placed"
+                    " opposite to the other hip about the pelvis."
                 )
     return found
 
@@ -218,7 +219,7 @@ def _calibrated(
     markers: Mapping[str, np.ndarray],
     landmarks: Mapping[str, str],
 ) -> dict[str, Marker]:
-    """Return where markers sit, by those of some frames that show a posture, if enough do."""
+    """Return the places of markers on the body, from the scored frames if there are enough."""
     shown = np.ones(len(frames), dtype=bool)
     for lacking in result.not_scored.values():
         shown &= ~lacking[frames]

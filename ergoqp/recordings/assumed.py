@@ -1,4 +1,4 @@
-"""What a file does not state, and its user did not: found out, and said as an assumption."""
+"""Assumptions: what neither the file nor the user states is found here, with a sentence."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.reading import Reading
 
 _SAMPLE: Final = 10_000
-"""Frames by which an axis is found."""
+"""Frames from which the vertical axis is found, about."""
 _REACH: Final = 3.0
-"""What is farther from both hands most of the time is not held [m]: a long pole is nearer."""
+"""Largest median distance of a held object from the nearer hand [m]; a long pole is nearer."""
 
 
 def unit_by_stature(where: str, stature: float | None, assumptions: list[str]) -> float:
-    """Return the size of the unit of length [m], by how tall people are."""
+    """Return the size of the unit of length [m], found from the stature of adults."""
     if stature is None:
         raise RecordingError(
-            f"{where}: no limb is complete enough to tell the unit of length; state unit_to_m"
+            f"{where}: no limb is complete enough to find the unit of length; state unit_to_m"
         )
     unit = find_unit(stature, where)
     assumptions.append(
@@ -56,8 +56,8 @@ def axes_to_ours(
         return axes_of(stated)
     if found is None:
         raise RecordingError(
-            f"{where}: the head is above the feet along none of x, y and z, up or down; state the"
-            " vertical axis (up)"
+            f"{where}: the head is above the feet along none of the axes x, y, z, -x, -y and -z;"
+            " state the vertical axis (up)"
         )
     axes = axes_of(found)
     line = upright_line({centre: path @ axes.T for centre, path in centres.items()})
@@ -68,14 +68,15 @@ def axes_to_ours(
         )
         if line is None:
             assumptions.append(
-                "Nobody is seen to stand upright from the feet to the neck: if the camera is tilted"
-                " to that axis, the trunk is read as leaning by as much."
+                "Nobody is seen standing upright from the feet to the neck: if the camera is tilted"
+                " against that axis, the tilt is read as a lean of the trunk."
             )
         return axes
     angle = math.degrees(math.acos(min(1.0, tilt[2, 2])))
     assumptions.append(
-        f"The camera is taken to be tilted by {angle:.0f} deg to the axis {found}: the person, who"
-        " stands straight, is taken as vertical; state the vertical axis (up) if the file has one."
+        f"The camera is taken to be tilted by {angle:.0f} deg against the axis {found}, because the"
+        " person who stands straight is taken as vertical; state the vertical axis (up) if the file"
+        " has one."
     )
     return tilt @ axes
 
@@ -88,7 +89,7 @@ def straight_of(
     time: np.ndarray,
     reading: Reading,
 ) -> Neutral | None:
-    """Return how the skeleton leans in a person who stands straight; None for not at all."""
+    """Return the lean of the skeleton of a person who stands straight; None for no lean."""
     stated = reading.neutral
     if stated == "vertical":
         return None
@@ -123,7 +124,7 @@ def measured_body(
     unit: float,
     assumptions: list[str],
 ) -> tuple[Body, tuple[str, ...]]:
-    """Return the body whose lengths are those between the recording's joints, and which are."""
+    """Return the body with the lengths between the recording's joints, and the measured lengths."""
     if stature is None:
         raise RecordingError(
             f"{where}: no trunk, arm or leg is complete enough to measure the person; state person"
@@ -137,13 +138,13 @@ def measured_body(
             f"{where}: with a unit of {unit:g} m, {error}; check unit_to_m"
         ) from None
     assumptions.append(
-        "The segment lengths are measured between the recording's joints; they suggest a stature"
-        f" of {body.stature:.2f} m."
+        "The segment lengths are measured between the recording's joints; they correspond to a"
+        f" stature of {body.stature:.2f} m."
     )
     if average:
         assumptions.append(
-            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those"
-            " of the recording."
+            f"Average lengths are used for {', '.join(map(spoken, average))}: the recording's"
+            " lengths are outside a person's range."
         )
     own = ("foot_length" if name == "ankle_to_toe" else name for name in lengths)
     return body, tuple(name for name in own if name not in average)
@@ -157,20 +158,21 @@ def held_object(
     centres: Mapping[str, np.ndarray],
     assumptions: list[str],
 ) -> np.ndarray | None:
-    """Return the poses (n, 4, 4) [m] of the object that is meant, or the only one.
+    """Return the poses (n, 4, 4) [m] of the stated object, or of the only one.
 
-    None if it is never seen, or is the only one and nowhere near the hands.
+    None if it is never seen, if it is not stated and far from the hands, or if there are several
+    objects and none is stated.
 
     Args:
         where: the recording's name, for messages.
         objects: their poses (n, 4, 4) in the file's unit and axes.
-        thing: which one is meant; None: the only one.
+        thing: name of the stated object; None: the only one.
         axes: from the file's unit and axes to ours (3, 3).
         centres: the person's joint centres (n, 3) in the file's unit and axes.
-        assumptions: what is found is said there.
+        assumptions: list to which sentences about the object are added.
 
     Raises:
-        InputError: there is no such thing.
+        InputError: if there is no object of that name.
     """
     if thing is not None and thing not in objects:
         raise InputError(
@@ -179,15 +181,15 @@ def held_object(
         )
     if thing is None and len(objects) > 1:
         assumptions.append(
-            f"The recording has {len(objects)} objects ({some(list(objects))}) and it is not stated"
-            " which one is held (thing): none is shown."
+            f"The recording has {len(objects)} objects ({some(list(objects))}); none is shown,"
+            " because the one that is held is not stated (thing)."
         )
     name = thing if thing is not None or len(objects) != 1 else next(iter(objects))
     if name is None:
         return None
     path = objects[name][:, :3, 3].astype(float)
     if not np.isfinite(path).all(axis=1).any():
-        assumptions.append(f"The object {name} is never seen: none is taken as held.")
+        assumptions.append(f"The object {name} is never seen, so no object is taken as held.")
         return None
     away = _from_hands(path, centres) * float(np.cbrt(np.linalg.det(axes)))
     if away <= _REACH or np.isnan(away):
@@ -199,7 +201,7 @@ def held_object(
         )
     else:
         assumptions.append(
-            f"The object {name} is {away:.1f} m from the nearer hand in the median: it is not taken"
+            f"The object {name} is {away:.1f} m from the nearer hand in the median and is not taken"
             " as held; state it (thing) if it is."
         )
         return None
@@ -211,9 +213,9 @@ def held_object(
 
 
 def _from_hands(path: np.ndarray, centres: Mapping[str, np.ndarray]) -> float:
-    """Return how far a thing's path (n, 3) is from the nearer wrist in the median; NaN if untold.
+    """Return the median distance of a path (n, 3) from the nearer wrist, in the unit of both.
 
-    It is in the unit of both.
+    NaN if no wrist is seen.
     """
     nearest = np.full(len(path), np.nan)
     for name in ("right_wrist", "left_wrist"):

@@ -1,6 +1,6 @@
-"""The nearest guess at what unknown joints are, by the words in their names.
+"""Guess of what unknown joints are, from the words in their names.
 
-It is only ever shown to the user: in a message, and as a mapping file to be looked through.
+The guess is only shown to the user: in a message, and in a mapping file to be checked.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MIDDLE: Final = ("pelvis", "neck", "head", "head_top", "nose")
 
 
 def guessed(names: tuple[str, ...]) -> dict[str, str]:
-    """Return our centre -> the joint that is called most like it, for those that anything is.
+    """Return our centre -> the joint with the most similar name, if any is similar.
 
     >>> guessed(("Skel_L_Elbow", "Skel_R_UpperArm", "box"))
     {'right_shoulder': 'Skel_R_UpperArm', 'left_elbow': 'Skel_L_Elbow'}
@@ -46,7 +46,7 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
         side = next((s for s, theirs in _SIDES.items() if set(words) & set(theirs)), None)
         joined = {"".join(pair) for pair in pairwise(words)} | set(words)
         if side is not None:
-            # "LeftHandThumb1"; along the spine a number is a part of the name.
+            # As in "LeftHandThumb1". On the middle line a number belongs to the name, as in "c7".
             joined |= {bare for word in joined if len(bare := word.rstrip("0123456789")) > 2}
         said = [
             (-len(word), rank, part)
@@ -57,10 +57,10 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
         ]
         if not said:
             continue
-        # What the longest word says: "HandThumb" is a thumb.
+        # The longest word decides: "HandThumb" is a thumb.
         _, rank, part = min(said)
         centre = part if side is None else f"{side}_{part}"
-        # Of several names the plainest.
+        # Of several names the one with the most usual and the fewest words is taken.
         best[centre] = min(best.get(centre, (rank, len(words), name)), (rank, len(words), name))
     order = [*_MIDDLE, *(f"{s}_{p}" for s in _SIDES for p in _WORDS if p not in _MIDDLE)]
     return {centre: best[centre][2] for centre in order if centre in best}
@@ -70,14 +70,14 @@ def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
     """Return the text of a mapping file: a guess for each centre, or a line to be filled in.
 
     Args:
-        names: of the recording's joints.
+        names: names of the recording's joints.
         wanted: our centres.
     """
     guess: Mapping[str, str] = guessed(names)
     rows = [
-        "# Which joint of the recording is which centre of the body. These are guesses by the"
-        " names: look through them.",
-        "# A list stands for the middle of several joints; lines that begin with # are left out.",
+        "# Which joint of the recording is which centre of the body. These are guesses from the"
+        " names: check them.",
+        "# A list stands for the middle of several joints; lines that begin with # are ignored.",
         *(
             f"{centre} = {_quoted(guess[centre])}" if centre in guess else f'# {centre} = ""'
             for centre in wanted
@@ -90,7 +90,7 @@ def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
 
 
 def _words(name: str) -> list[str]:
-    """Return the words of a name: "LeftForeArm_2" has left, fore and arm."""
+    """Return the words of a name in small letters: "LeftForeArm_2" has left, fore and arm."""
     letters = unicodedata.normalize("NFC", name).translate(_UMLAUTS)
     plain = "".join(
         letter
@@ -108,7 +108,7 @@ def _words(name: str) -> list[str]:
 
 
 def _quoted(name: str) -> str:
-    """Return a name as TOML has it; half of a pair of letters, which no file can have, is lost."""
+    """Return a name as a TOML string; a lone surrogate, which no file can hold, becomes "?"."""
     text = name.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
     return f'"{"".join(each if each.isprintable() else _escaped(each) for each in text)}"'
 

@@ -1,4 +1,4 @@
-"""Joint centres from whatever a recording has: joints, markers, or angles; of one person."""
+"""Joint centres of one person, from the joints, markers or joint angles of a recording."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from ergoqp.recordings.shoulders import shoulders_of
 from ergoqp.recordings.subjects import of_subject
 
 _SAMPLED: Final = 4000
-"""Frames by which it is judged how markers fit the body."""
+"""Frames in which the fit of markers to the body is evaluated, about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,16 @@ class Found:
     """A person's joint centres in a recording, in the file's axes.
 
     Attributes:
-        motion: the person's, with what else the file has.
-        centres: under our names.
-        unit: of the centres [m]; None if it is not known.
-        said: how they were found.
-        markers: used markers -> positions (n, 3) in a sample of frames [m].
-        frames: the frames of that sample.
-        landmarks: marker -> the landmark that it is, or the segment that it is on.
-        upright: whether trunk and neck are at zero when they are straight, as the file says.
-        whole: the markers themselves, where some are lost or astray for a while; None else.
+        motion: what is left of the person's motion, with the other content of the file.
+        centres: the centres under our names.
+        unit: unit of the centres [m]; None if it is unknown.
+        said: sentences about how they were found.
+        markers: used marker -> positions (n, 3) in a sample of frames [m].
+        frames: indices of the frames of that sample.
+        landmarks: marker -> the landmark that it marks, or the segment that it is on.
+        upright: whether trunk and neck have their zero where they are straight, because the
+            recording consists of joint angles.
+        whole: the markers, if some are lost or left out for a while; else None.
     """
 
     motion: JointMotion
@@ -76,18 +77,18 @@ def joints_of(
     """Return the joint centres of one person.
 
     Args:
-        motion: what the file has.
+        motion: content of the file.
         where: its name, for messages.
-        naming: how joints or markers are called; None tries the known namings and marker sets.
-        subject: whose, if there are several.
-        unit: the file's unit of length [m] as its user states it.
-        shapes: marker -> where it sits, as a person file has it.
+        naming: names of the joints or markers; None tries the known namings and marker sets.
+        subject: the person, if there are several.
+        unit: the file's unit of length [m] as the user states it.
+        shapes: marker -> its place on the body, from a person file.
         body: the person, if their lengths are known.
-        progress: told the share of the frames that is done.
+        progress: is called with the share of the frames that is done.
 
     Raises:
-        RecordingError: the names are not known, or too little of a person is there.
-        InputError: there is no such subject.
+        RecordingError: if the names are unknown, or the recording shows too little of a person.
+        InputError: if there is no such subject.
     """
     ready = bool(motion.angles) and not motion.names
     if ready:
@@ -117,14 +118,14 @@ def joints_of(
             upright=ready,
         )
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
-    # A joint centre may be the origin of its file; a marker that is at it is none that was seen.
+    # A joint centre may be at the file's origin, but a marker at the origin was not seen.
     skin = {**further, **{name: which for name, which in landmarks.items() if name in LANDMARKS}}
     motion = off_origin(motion, sorted({i for which in skin.values() for i in which}))
     motion, landmarks = _with_known(motion, landmarks, title, shapes)
     stated = unit or motion.unit
     size = unit_of_markers(motion, where, landmarks, stated)
     if stated is None:
-        said += (f"The unit of length is taken as {size:g} m, by the width of the person.",)
+        said += (f"The unit of length is taken as {size:g} m, from the width of the person.",)
     frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
     sits = {i: name for name, which in (further | landmarks).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
@@ -152,10 +153,10 @@ def _with_known(
     title: str,
     shapes: Mapping[str, Marker],
 ) -> tuple[JointMotion, dict[str, tuple[int, ...]]]:
-    """Return motion and landmarks with those of rigid segments that only a person file has."""
+    """Return motion and landmarks with those of rigid segments that only the person file has."""
     known = next((each for each in known_sets() if each.title == title), None)
     theirs = known.found_in(tuple(shapes)) if known is not None else {}
-    # Fewer than three show no segment.
+    # Fewer than three landmarks do not determine the pose of a segment.
     parts = [part for part in RIGID.values() if len(set(part) & set(landmarks)) >= 3]
     more = [mark for part in parts for mark in part if mark in theirs and mark not in landmarks]
     if not more:
@@ -168,7 +169,7 @@ def _with_known(
 
 
 def _lacking(motion: JointMotion, used: Mapping[str, str], astray: Astray) -> JointMotion | None:
-    """Return the markers without those that are astray; None if none is astray, and none lost."""
+    """Return the markers without those left out; None if none is left out and none is lost."""
     if not astray:
         return motion if has_gaps(motion, used) else None
     positions = motion.positions.copy()
@@ -179,14 +180,14 @@ def _lacking(motion: JointMotion, used: Mapping[str, str], astray: Astray) -> Jo
 
 
 def _known(names: tuple[str, ...]) -> int:
-    """Return how many of some names are a person's."""
+    """Return how many of some names are known names of a person's joints or markers."""
     found = best_set(names)
     counts = [len(naming.found_in(names)) for naming in known_namings()]
     return max(*counts, found[1] if found else 0)
 
 
 def _names_whom(naming: Naming | None, names: tuple[str, ...]) -> bool:
-    """Return whether a mapping names joints with their prefix, and so whose they are."""
+    """Return whether a mapping names joints with their prefix, which selects the person."""
     theirs = {name for each in naming.centres.values() for name in each} if naming else set()
     return theirs <= set(names) and any(parted(name)[0] for name in theirs)
 
@@ -194,11 +195,10 @@ def _names_whom(naming: Naming | None, names: tuple[str, ...]) -> bool:
 def _landmarks(
     names: tuple[str, ...], naming: Naming | None, where: str
 ) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str]:
-    """Return landmark -> places of its markers, segment -> further ones, and the set's title.
+    """Return landmark -> indices of its markers, segment -> further markers, and the set's title.
 
-    A mapping may name joint centres beside them.
-
-    There are none where the names are rather those of joints.
+    All are empty if the names match those of joints better. A mapping may name joint centres beside
+    landmarks; these are returned with the landmarks.
     """
     if naming is not None:
         found = naming.found_in(names)
@@ -220,7 +220,7 @@ def _landmarks(
 
 
 def _emptied(motion: JointMotion, things: Mapping[str, np.ndarray]) -> JointMotion:
-    """Return what is left of a motion when its joints are named: the rest can be let go of."""
+    """Return a motion without its joints, so that their memory can be freed."""
     nowhere = np.empty((len(motion.time), 0, 3))
     return replace(motion, names=(), positions=nowhere, rest=None, turns={}, objects=things)
 

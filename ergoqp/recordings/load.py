@@ -1,4 +1,4 @@
-"""From a motion-capture file, or from arrays, to postures."""
+"""Postures from a motion-capture file or from arrays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ergoqp.recordings.readers import read_motion
 from ergoqp.recordings.recording import Recording
 
 _READ: Final = 0.6
-"""What reading a file is of the whole work."""
+"""Share of the progress at which the file is read."""
 
 
 def load_recording(
@@ -48,38 +48,39 @@ def load_recording(
     """Read a motion-capture file and find the postures in it.
 
     Args:
-        path: the recording, or a folder with a table for each body; what is in it tells the format
+        path: the recording, or a folder with one table per body; the content decides the format
             (see `ergoqp.recordings.formats.kinds`).
         person: stature [m], path of a person file (see `ergoqp.human.person_file`), or None
             to measure the segment lengths in the recording itself.
-        unit_to_m: size of the file's unit of length [m]; None takes what the file says, or finds
-            the one that yields the stature of an adult.
+        unit_to_m: size of the file's unit of length [m]; None uses the unit that the file states,
+            or finds the one that gives the stature of an adult.
         up: the file's vertical axis, one of ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"``,
-            ``"-z"``; None takes what the file says, or finds it, and how a camera is tilted, from
-            people who stand upright.
-        mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known
-            naming (see `ergoqp.recordings.naming.CENTRES`), or ``our_landmark = "their marker"``
-            (see `ergoqp.recordings.markers.landmarks.LANDMARKS`); None tries the known ones.
-        neutral: when the person stands straight, as time in the recording [s]; path of a recording
-            of the same skeleton in which the person does; ``"vertical"`` to measure the trunk to
-            the vertical whatever the skeleton is like; None finds it, by the rule of
+            ``"-z"``; None uses the axis that the file states, or finds the axis from the body and
+            the camera's tilt from people who stand upright.
+        mapping: TOML file with lines ``our_centre = "their joint"`` for unknown joint names (see
+            `ergoqp.recordings.naming.CENTRES`), or ``our_landmark = "their marker"`` (see
+            `ergoqp.recordings.markers.landmarks.LANDMARKS`); None tries the known names.
+        neutral: where the person stands straight: a time in the recording [s], or the path of
+            another recording of the same skeleton; ``"vertical"`` measures the trunk to the
+            vertical, whatever the skeleton is like; None finds it by the rule of
             `ergoqp.recordings.fitting.neutral`.
         window: first and last time to read [s]; None: all.
-        subject: whose posture, where there are several people: the prefix of their joints' names.
-        thing: the object that is held, by its name, where there are several.
+        subject: the person whose posture is read, where there are several: the prefix of the names
+            of their joints.
+        thing: name of the object that is held, where there are several.
         columns: names of the points of a table without names, three columns each.
-        rate: frames per second of a table or folder of poses, before its own times if it has any
-            [Hz].
-        progress: told the share that is done.
+        rate: frames per second of a table or of a folder of poses [Hz]; it is used instead of the
+            file's own times.
+        progress: is called with the share that is done.
 
     Returns:
-        Postures, pelvis poses, what was observed, which frames show no posture and why, how well
-        the body fits, and every assumption made.
+        Postures, pelvis poses, which joints were observed, which frames show no posture and why,
+        how well the body fits, and every assumption that was made.
 
     Raises:
-        RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not
-            known.
-        InputError: another argument is not usable.
+        RecordingError: if the file is not a readable recording, or its skeleton, unit or axes are
+            unknown.
+        InputError: if another argument is invalid.
 
     Example:
         >>> import ergoqp
@@ -97,7 +98,7 @@ def load_recording(
     reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     reading = replace(reading, subject=_name("subject", subject), thing=_name("thing", thing))
     progress = progress or unseen
-    # Not kept here: of an hour it is much, and it is let go of as soon as its joints are named.
+    # The motion is not kept here: an hour is large, and is freed as soon as its joints are named.
     return recording_of(
         read_motion(path, part_of(progress, 0.0, _READ), asked),
         path.name,
@@ -117,7 +118,7 @@ def fit_postures(
     mapping: str | Path | None = None,
     neutral: float | str | Path | None = None,
 ) -> Recording:
-    """Find the postures behind joint centres or markers that are at hand as arrays.
+    """Find the postures that belong to joint centres or markers in an array.
 
     >>> import numpy as np
     >>> from ergoqp.human import Body
@@ -129,10 +130,10 @@ def fit_postures(
     0.98
 
     Args:
-        names: of the joints, in any order: those of `ergoqp.recordings.naming.CENTRES`, of a known
-            naming, or of the mapping; or of markers, likewise
+        names: names of the joints, in any order: those of `ergoqp.recordings.naming.CENTRES`, of a
+            known naming, or of the mapping; or names of markers in the same way
             (`ergoqp.recordings.markers.landmarks.LANDMARKS`).
-        positions: where they are (n, m, 3) [m]; NaN where not seen.
+        positions: positions (n, m, 3) [m]; NaN where not seen.
         rate: frames per second [Hz].
         person: as in `load_recording`.
         unit_to_m: size of the unit of length [m]; None finds it.
@@ -141,8 +142,8 @@ def fit_postures(
         neutral: as in `load_recording`.
 
     Raises:
-        InputError: for an argument that is not usable.
-        RecordingError: if too little of a person is there.
+        InputError: if an argument is invalid.
+        RecordingError: if the positions show too little of a person.
     """
     hertz = _rate(rate)
     listed = names_of("names", names, "names of joints or markers")
@@ -163,7 +164,7 @@ def _reading(
     window: tuple[float, float] | None,
     asked: Asked,
 ) -> Reading:
-    """Check what can be checked before anything is read."""
+    """Check the options before the file is read, and return them."""
     if unit_to_m is not None and not (
         isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0
     ):
@@ -193,7 +194,7 @@ def _check_window(window: tuple[float, float]) -> None:
         raise InputError(f"window: got {shown(window)}, allowed two times in seconds")
     if not window[0] < window[1]:
         raise InputError(
-            f"window: got {window[0]:g} to {window[1]:g} s, allowed a later end than begin"
+            f"window: got {window[0]:g} to {window[1]:g} s, allowed an end later than the start"
         )
 
 
@@ -204,17 +205,17 @@ def _rate(rate: float) -> float:
 
 
 def _places(positions: ArrayLike, count: int) -> np.ndarray:
-    """Return a copy of positions (n, count, 3); what a mask hides is NaN."""
+    """Return a copy of positions (n, count, 3); masked elements become NaN."""
     found = shown(positions)
     try:
         array = unmasked(positions)
-        if array.dtype.kind in "iufO":  # with None among them they are objects
+        if array.dtype.kind in "iufO":  # an array with a None in it has the dtype object
             with np.errstate(over="ignore"):
                 places = np.array(array, dtype=float)
             if places.ndim == 3 and len(places) and places.shape[1:] == (count, 3):
                 return places
             found = f"numbers of shape {places.shape}"
-    except Exception:  # no array, whatever it is
+    except Exception:  # the argument cannot be made an array
         pass
     raise InputError(
         f"positions: got {' '.join(found.split())}, allowed real numbers of shape (n, {count}, 3)"
@@ -234,7 +235,7 @@ def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _neutral(neutral: float | str | Path | None, asked: Asked) -> float | str | JointMotion | None:
-    """Return when or how the person is straight; another recording as it is read."""
+    """Return the checked argument; a path becomes the recording that was read from it."""
     if neutral is None or neutral == "vertical":
         return None if neutral is None else "vertical"
     if isinstance(neutral, str | Path):

@@ -1,6 +1,6 @@
-"""What every reader hands on: a recording's own joints, markers, segments and objects over time.
+"""The result of every reader: a recording's own joints, markers, segments and objects over time.
 
-They are in the recording's own unit and axes.
+All are in the recording's own unit and axes.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import numpy as np
 
 @dataclass(frozen=True)
 class JointMotion:
-    """What the file states, before any naming, unit or axis is chosen.
+    """Content of a file, before any naming, unit or axis is chosen.
 
     Attributes:
-        names: of the file's joints or markers, unique, shape (m,).
-        positions: where they are in the file's unit and axes, shape (n, m, 3); NaN where not seen.
+        names: names of the file's joints or markers, unique, shape (m,).
+        positions: their positions in the file's unit and axes, shape (n, m, 3); NaN where not seen.
         time: time stamps from the file, increasing from zero, shape (n,) [s].
         rest: joint centres of the skeleton's rest pose, in the same unit and axes, shape (m, 3);
             None if the format has none.
-        notes: sentences about how the file was read that its user should know.
+        notes: sentences for the user about how the file was read.
         turns: name of a joint or segment -> its orientation in the file's axes, unit quaternions
             (x, y, z, w), shape (n, 4); NaN where not seen.
-        objects: name of a thing -> its pose in the file's unit and axes, shape (n, 4, 4).
-        angles: name of a joint angle that is ready in the file -> (n,) [rad].
-        markers: whether the positions are of markers on the skin and not of joint centres.
-        unit: the file's unit of length [m]; None if it does not say.
-        measures: what was measured at the person, by the name that the file has in small letters
-            [m].
-        up: its vertical axis, as `ergoqp.recordings.fitting.axes.UPS`; None if it does not say.
+        objects: name of an object -> its pose in the file's unit and axes, shape (n, 4, 4).
+        angles: name of a joint angle that the file itself holds -> its values (n,) [rad].
+        markers: whether the positions are those of markers on the skin and not of joint centres.
+        unit: the file's unit of length [m]; None if the file does not state it.
+        measures: the file's name of a body measure, in small letters -> its value [m].
+        up: the file's vertical axis, one of `ergoqp.recordings.fitting.axes.UPS`; None if the file
+            does not state it.
 
     Example:
         >>> import numpy as np
@@ -60,12 +60,12 @@ class JointMotion:
             name: one of ``names``.
 
         Raises:
-            ValueError: there is no joint of that name.
+            ValueError: if there is no joint of that name.
         """
         return self.positions[:, self.names.index(name)]
 
     def at(self, frames: np.ndarray) -> JointMotion:
-        """Return some of the frames, given as (n,) bool."""
+        """Return the motion in some of the frames, given as (n,) bool."""
         return replace(
             self,
             positions=self.positions[frames],
@@ -76,7 +76,7 @@ class JointMotion:
         )
 
     def joints(self, keep: Mapping[str, str]) -> JointMotion:
-        """Return some of the joints, under other names: their name -> the new one."""
+        """Return the motion of some of the joints, given as name -> new name."""
         places = [i for i, name in enumerate(self.names) if name in keep]
         return replace(
             self,

@@ -1,4 +1,4 @@
-"""Our names of joint centres; names as programs write them, and what they have in common."""
+"""Our names of joint centres, and the comparison of names that programs write."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NAMELESS: Final = re.compile(r"[*U]?\d*|C_\d+|unlabell?ed.*", re.IGNORECASE)
 
 
 def nameless(name: str) -> bool:
-    """Return whether a marker's name, but for its prefix, is what programs write without a label.
+    """Return whether a marker's name, without its prefix, is one that programs give by default.
 
     >>> nameless("*21"), nameless("Anna:U7"), nameless("LASI")
     (True, True, False)
@@ -43,7 +43,7 @@ def nameless(name: str) -> bool:
 
 
 def squashed(name: str) -> str:
-    """Return a name in small letters, without what parts its words.
+    """Return a name in small letters, without the separators of its words.
 
     >>> squashed("Left Elbow_2") == squashed("LEFT.ELBOW-2")
     True
@@ -52,9 +52,9 @@ def squashed(name: str) -> str:
 
 
 def parted(name: str) -> tuple[str, str]:
-    """Return whose joint or marker a name says that it is, and its own name.
+    """Return the prefix of a joint's or marker's name, which states the person, and the rest.
 
-    What stands before the last colon or slash says it; a slash in front of all says nothing.
+    The prefix stands before the last colon or slash. A slash at the very front is ignored.
 
     >>> parted("Anna:LASI"), parted("/human/left_elbow"), parted("neck")
     (('Anna', 'LASI'), ('human', 'left_elbow'), ('', 'neck'))

@@ -1,6 +1,6 @@
-"""Which of a recording's joints is which centre of the body.
+"""Assignment of a recording's joints to the joint centres of the body, by their names.
 
-The known namings are data; mapping files serve all others.
+The known namings are data. All other names need a mapping file.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from ergoqp.recordings.names import CENTRES as CENTRES
 from ergoqp.recordings.names import squashed
 
 _EXAMPLE: Final = 'right_elbow = "theirs"'
-_LEAST_MATCHED = 8  # fewer named centres are chance: every skeleton has a "Neck" and a "Head"
+_LEAST_MATCHED = 8  # fewer may match by chance: every skeleton has a "Neck" and a "Head"
 
 
 @dataclass(frozen=True)
 class Naming:
-    """One way of naming joints.
+    """A convention for the names of joints.
 
     Attributes:
-        title: how it is called in messages.
-        centres: our centre -> the names of their joints whose middle it is.
+        title: its name in messages.
+        centres: our centre -> the names of the joints whose middle it is.
         upright_rest: whether a skeleton of this naming stands upright and looks straight ahead in
             its rest pose.
-        turned: our centre -> the segment by whose orientation it can be told, and where it is in
-            its axes, as a share of the length of the trunk.
+        turned: our centre -> the segment whose orientation determines it, and its place in the axes
+            of that segment, in lengths of the trunk.
     """
 
     title: str
@@ -47,12 +47,12 @@ class Naming:
     turned: Mapping[str, tuple[str, tuple[float, ...]]] = field(default_factory=dict)
 
     def found_in(self, names: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
-        """Return, for each centre whose joints are all among `names`, the places of these joints.
+        """Return the indices of the joints of each centre whose joints are all among `names`.
 
-        Upper and lower case and what parts words do not count, nor does a prefix that all names
-        share ("mixamorig:", "Character1_", "human/").
+        Upper and lower case, separators of words and a prefix that all names share ("mixamorig:",
+        "Character1_", "human/") are ignored.
         """
-        # The first of several that differ only in how they are written; as written before all.
+        # An exact match is preferred, then the first of several names that differ only in spelling.
         named = [(i, name) for i, name in reversed(list(enumerate(names)))]
         places: dict[str, int] = {}
         for prefix in _shared_prefixes(names):
@@ -70,9 +70,9 @@ class NamedCentres:
     """The body's joint centres in a recording.
 
     Attributes:
-        title: the naming that was found.
+        title: title of the naming that was found.
         paths: centre -> positions (n, 3) in the file's unit and axes.
-        rest: centre -> position (3,) in an upright rest pose; empty when there is none or it is not
+        rest: centre -> position (3,) in an upright rest pose; empty if there is none or it is not
             known to be upright.
     """
 
@@ -99,13 +99,14 @@ def known_namings() -> tuple[Naming, ...]:
 def read_mapping(path: Path) -> Naming:
     """Read a mapping file of TOML lines ``our_centre = "their joint"``.
 
-    A line may also give a list of joints whose middle is meant.
+    A line may also have a list of joints, which stands for their middle.
 
     Args:
         path: the mapping file.
 
     Raises:
-        InputError: the file is not readable TOML, or names a centre that is not one of `CENTRES`.
+        InputError: if the file is not readable TOML, or a name is neither one of `CENTRES` nor one
+            of `LANDMARKS`.
     """
     entries = read_toml(path, "mapping file")
     for centre, theirs in entries.items():
@@ -117,8 +118,8 @@ def read_mapping(path: Path) -> Naming:
         listed = theirs if isinstance(theirs, list) else [theirs]
         if not listed or not all(isinstance(name, str) for name in listed):
             raise InputError(
-                f"mapping file {path.name}: {centre} is {theirs!r}, allowed is a joint's name or a"
-                " list of names"
+                f"mapping file {path.name}: {centre} is {theirs!r}, allowed is the name of a joint"
+                " or a list of names"
             )
     return Naming(f"mapping file {path.name}", _listed(entries))
 
@@ -126,16 +127,16 @@ def read_mapping(path: Path) -> Naming:
 def naming_of(
     motion: JointMotion, mapping: Naming | None, where: str
 ) -> tuple[Naming, dict[str, tuple[int, ...]]]:
-    """Return how a recording's joints are called, and our centre -> the places of its joints.
+    """Return the naming of a recording's joints, and our centre -> the indices of its joints.
 
     Args:
         motion: the recording's own joints.
-        mapping: how its joints are called; None tries the known namings.
+        mapping: naming of its joints; None tries the known namings.
         where: the file's name, for messages.
 
     Raises:
-        RecordingError: the skeleton is of no known naming, the mapping names joints that are not
-            there, or neither the pelvis nor the upper trunk can be placed.
+        RecordingError: if the joints are of no known naming, the mapping names joints that are not
+            in the recording, or the pelvis or the upper trunk cannot be placed.
     """
     if mapping is None:
         naming = max(known_namings(), key=lambda known: _agreement(known, motion.names))
@@ -160,11 +161,11 @@ def named_centres(
 
     Args:
         motion: the recording's own joints.
-        naming: how they are called.
-        found: our centre -> the places of its joints.
+        naming: naming of the joints.
+        found: our centre -> the indices of its joints.
         more: further centres -> positions (n, 3).
     """
-    # Copies, so that the motion can be let go of.
+    # These are copies, so that the memory of the motion can be freed.
     paths = {
         centre: motion.positions[:, list(which)].mean(axis=1) for centre, which in found.items()
     }
@@ -180,11 +181,11 @@ def named_centres(
 
 
 def _unknown(names: tuple[str, ...], where: str) -> UnknownNamesError:
-    """Return what to say of names that nobody knows, with the nearest guess."""
+    """Return the error for unknown names, with the nearest guess."""
     guess = guessed(names)
     nearest = ", ".join(f'{centre} = "{name}"' for centre, name in list(guess.items())[:3])
     return UnknownNamesError(
-        f"{where}: got the joints or markers {some(names, 8)}, which no known naming has; give a"
+        f"{where}: got the joints or markers {some(names, 8)}, whose names are unknown; state a"
         f" mapping file with lines such as {nearest or _EXAMPLE}"
         " (mapping)",
         names,
@@ -194,10 +195,10 @@ def _unknown(names: tuple[str, ...], where: str) -> UnknownNamesError:
 def check_all_there(
     naming: Naming, found: Collection[str], names: tuple[str, ...], where: str
 ) -> None:
-    """Raise if a mapping names what the recording does not have.
+    """Raise if a mapping names joints that the recording does not have.
 
     Raises:
-        RecordingError: naming it.
+        RecordingError: if it does, with their names.
     """
     if missing := [
         name for centre, theirs in naming.centres.items() if centre not in found for name in theirs
@@ -209,10 +210,10 @@ def check_all_there(
 
 
 def check_placed(centres: Collection[str], where: str) -> None:
-    """Raise if a recording of these centres can place neither pelvis nor upper trunk.
+    """Raise if the pelvis or the upper trunk cannot be placed from these centres.
 
     Raises:
-        RecordingError: saying what it needs.
+        RecordingError: if so, with the centres that are needed.
     """
     for part, needed in (
         ("the pelvis", ("pelvis", "right_hip", "left_hip")),
@@ -233,16 +234,16 @@ def _listed(entries: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
 
 
 def _agreement(naming: Naming, names: tuple[str, ...]) -> tuple[int, float]:
-    """Return how many centres a naming finds and, between equals, what share of its own.
+    """Return the number of centres that a naming finds, and their share of its own centres.
 
-    So, between equals, the naming that expects no more wins.
+    With equal numbers, the larger share wins: the naming that expects fewer further joints.
     """
     found = len(naming.found_in(names))
     return found, found / len(naming.centres)
 
 
 def _shared_prefixes(names: tuple[str, ...]) -> list[str]:
-    """Return the starts that all names have, up to a mark of a prefix, and none; longest first."""
+    """Return the prefixes that all names share, the longest first; the last one is empty."""
     first = names[0] if names else ""
     starts = [first[: i + 1] for i, letter in enumerate(first) if letter in ":/_"]
     return [s for s in reversed(starts) if all(name.startswith(s) for name in names)] + [""]

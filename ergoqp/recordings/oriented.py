@@ -1,8 +1,8 @@
-"""Orientations of segments as points: where the nose points, and the thumb.
+"""Points from the orientations of segments, such as the nose and the thumb.
 
-A skeleton whose axes are known (`ergoqp.recordings.namings.toml`, ``turned``) shows by them how the
-head is turned, and hand and forearm. Of one whose axes are not known it is taken that the head
-looks ahead of the trunk in the median over the take.
+In a skeleton whose axes are known (`ergoqp.recordings.namings.toml`, ``turned``) they determine the
+turn of the head, the hands and the forearms. If the axes are unknown, the head is assumed to face
+ahead of the trunk in the median over the recording.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import Naming
 
 _FAR: Final = 0.2
-"""How far before the head the nose is put, as a share of the length of the trunk."""
+"""Distance of the nose from the head [length of the trunk]."""
 _SAMPLE: Final = 2000
-"""Frames by which lengths and medians are found."""
+"""Frames from which lengths and medians are computed, about."""
 _NONE: Final = 1e-6
-"""Quaternions that are shorter are none."""
+"""A quaternion with no component above this counts as not seen."""
 AHEAD: Final = (
-    "The head is taken to look ahead of the trunk in the median over the recording: how its axes"
-    " lie in it is not known."
+    "The head is assumed to face ahead of the trunk in the median over the recording, because the"
+    " axes of the head segment are unknown."
 )
 
 
 def oriented(
     motion: JointMotion, naming: Naming, found: Mapping[str, tuple[int, ...]]
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Return our centre -> positions (n, 3) of what orientations show and no joint does.
+    """Return our centre -> positions (n, 3), for centres that only orientations determine.
 
-    Sentences that its user should know come with them.
+    Sentences for the user are returned with them.
 
     Args:
-        motion: with its orientations.
-        naming: of its joints.
-        found: our centre -> places of its joints.
+        motion: the motion with its orientations.
+        naming: naming of its joints.
+        found: our centre -> indices of its joints.
     """
     added: dict[str, np.ndarray] = {}
     if not motion.turns:
@@ -72,7 +72,7 @@ def oriented(
 
 
 def _trunk(motion: JointMotion, found: Mapping[str, tuple[int, ...]]) -> float:
-    """Return how long the trunk is [file unit]."""
+    """Return the length of the trunk [file unit]."""
     upper = next(name for name in ("neck", "right_shoulder", "left_shoulder") if name in found)
     every = max(1, len(motion.time) // _SAMPLE)
     one = motion.positions[::every, list(found[upper])].mean(axis=1)
@@ -81,7 +81,7 @@ def _trunk(motion: JointMotion, found: Mapping[str, tuple[int, ...]]) -> float:
 
 
 def _hips(motion: JointMotion, found: Mapping[str, tuple[int, ...]], every: int) -> np.ndarray:
-    """Return the pelvis, or the middle of the hips, in every so many frames (n, 3)."""
+    """Return the pelvis, or the middle of the hips, in every `every`-th frame (n, 3)."""
     names = ("pelvis",) if "pelvis" in found else ("right_hip", "left_hip")
     paths = [
         motion.positions[::every, list(found[name])].mean(axis=1) for name in names if name in found
@@ -90,9 +90,9 @@ def _hips(motion: JointMotion, found: Mapping[str, tuple[int, ...]], every: int)
 
 
 def _turned(turns: np.ndarray, vectors: np.ndarray, back: bool = False) -> np.ndarray:
-    """Return vectors (3,) or (n, 3), turned by quaternions (n, 4) or back; NaN: one is lost.
+    """Return vectors (3,) or (n, 3), rotated by quaternions (n, 4) or back.
 
-    Quaternions without a length are none.
+    NaN where the quaternion is not seen or has no length.
     """
     from scipy.spatial.transform import Rotation
 

@@ -1,4 +1,4 @@
-"""What code of the user's own hands on as a motion: judged, and brought to plain arrays."""
+"""Check of a motion that the user's own code returns, and conversion to plain arrays."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ergoqp.recordings.formats.stamps import FASTEST, LONGEST, SLOWEST
 from ergoqp.recordings.motion import JointMotion
 
 _SLACK: Final = 0.1
-"""By how much quaternions and axes may be longer or shorter than one."""
+"""Tolerance for the length of quaternions and axes, which should be one."""
 _SLACK_TIME: Final = 0.999
-"""Steps between times are rounded by less than this share of them."""
+"""Factor on the limits of the time between frames, as a tolerance for rounding."""
 _LARGEST: Final = 1e9
-"""No place, angle or size is larger in any unit: the square of what is would be infinite."""
+"""Largest number in any unit; the square of a much larger one would be infinite."""
 
 
 def lacking(motion: Any) -> str:
-    """Return what of a motion is not as `JointMotion` says, or an empty text."""
+    """Return in words what of a motion violates `JointMotion`, or an empty text."""
     if not isinstance(motion, JointMotion):
         return shown(motion)
     names = motion.names
@@ -57,9 +57,9 @@ def lacking(motion: Any) -> str:
 
 
 def normalised(motion: JointMotion) -> JointMotion:
-    """Return a motion of which nothing is `lacking` as arrays of floats, its times from zero.
+    """Return a motion that passed `lacking` as arrays of floats, with times from zero.
 
-    What a mask hides is NaN, and so is a point of which only a part is there.
+    Masked elements become NaN, and so does a point with a missing coordinate.
     """
     time, positions = _floats(motion.time).astype(float), _floats(motion.positions)
     seen = np.isfinite(positions)
@@ -83,24 +83,24 @@ def normalised(motion: JointMotion) -> JointMotion:
 
 
 def _numbers(values: Any) -> np.ndarray | None:
-    """Return an array of real numbers, NaN where they are masked; None if they are none."""
+    """Return an array of real numbers, NaN where they are masked; None if it is no such array."""
     try:
         array = unmasked(values)
-    except Exception:  # rows of different lengths, or whatever a user's object does
+    except Exception:  # rows of different lengths, or any error of a user's object
         return None
     return array if array.dtype.kind in "iuf" else None
 
 
 def _floats(values: Any) -> np.ndarray:
-    """Return numbers as floats of 64 bits, or of 32 where they are."""
+    """Return numbers as floats of 64 bits; floats of 32 bits stay as they are."""
     array = unmasked(values)
     kind = np.float32 if (array.dtype.kind, array.dtype.itemsize) == ("f", 4) else np.float64
-    with np.errstate(over="ignore"):  # of numbers longer than 64 bits
+    with np.errstate(over="ignore"):  # numbers of more than 64 bits may overflow
         return array.astype(kind, copy=False)
 
 
 def _no_numbers(values: Any, shape: tuple[int, ...]) -> str:
-    """Return what of an array is not as it should be."""
+    """Return in words what is wrong with an array that needs a shape, or an empty text."""
     array = _numbers(values)
     if array is None:
         try:
@@ -109,11 +109,11 @@ def _no_numbers(values: Any, shape: tuple[int, ...]) -> str:
             return "whose rows differ in length"
     if array.shape != shape:
         return f"of shape {array.shape} and not {shape}"
-    return "without end" if np.isinf(_floats(array)).any() else ""
+    return "with infinite numbers" if np.isinf(_floats(array)).any() else ""
 
 
 def _no_times(times: np.ndarray) -> str:
-    """Return what of some times cannot be seconds."""
+    """Return in words what is wrong with times in seconds, or an empty text."""
     times = _floats(times)
     if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
         return "times that do not increase"
@@ -128,14 +128,14 @@ def _no_times(times: np.ndarray) -> str:
 
 
 def _no_turns(motion: JointMotion) -> str:
-    """Return which turns and poses of a motion are none."""
+    """Return in words which orientations or poses of a motion are invalid, or an empty text."""
     for name, turns in motion.turns.items():
         seen = _seen(turns)
-        # Of what is large the square would be infinite.
+        # Large numbers are refused first, because their squares could be infinite.
         if (np.abs(seen) > _SLACK + 1).any() or (
             np.abs(np.linalg.norm(seen, axis=1) - 1) > _SLACK
         ).any():
-            return f"turns of {name} that are no unit quaternions"
+            return f"turns of {name} that are not unit quaternions"
     for name, poses in motion.objects.items():
         whole = _seen(poses)
         axes = whole[:, :3, :3]
@@ -145,27 +145,27 @@ def _no_turns(motion: JointMotion) -> str:
             or (np.linalg.det(axes) < 0).any()
             or (np.abs(whole[:, 3] - [0, 0, 0, 1]) > _SLACK).any()
         ):
-            return f"objects of {name} that are no poses"
+            return f"objects of {name} that are not poses"
     return ""
 
 
 def _too_large(motion: JointMotion, shapes: list[tuple[str, Any, tuple[int, ...]]]) -> str:
-    """Return which numbers are larger than any that is measured; positions are judged later."""
+    """Return in words which numbers are too large, or an empty text; not for positions."""
     for what, values, _ in shapes[1:]:
         array = np.abs(_floats(values))
         if np.fmax.reduce(array, axis=None, initial=0.0) > _LARGEST:
-            return f"{what} beyond {_LARGEST:g}"
+            return f"{what} with a number beyond {_LARGEST:g}"
     return ""
 
 
 def _seen(values: Any) -> np.ndarray:
-    """Return those of some arrays (n, ...) of which nothing is lost."""
+    """Return the frames of an array (n, ...) that are complete."""
     array = _floats(values)
     return array[np.isfinite(array).reshape(len(array), -1).all(axis=1)]
 
 
 def _no_words(motion: JointMotion) -> str:
-    """Return which of the few words and numbers of a motion is none."""
+    """Return in words which of the other attributes of a motion is invalid, or an empty text."""
     if motion.unit is not None and not (_is_number(motion.unit) and motion.unit > 0):
         return f"the unit {shown(motion.unit)}"
     if motion.up is not None and not (isinstance(motion.up, str) and motion.up in UPS):
@@ -189,5 +189,5 @@ def _is_number(value: Any) -> bool:
 
 
 def _line(value: Any) -> str:
-    """Return a value as a message shows it, in one line."""
+    """Return a value in one line, for a message."""
     return " ".join(shown(value).split())

@@ -1,4 +1,4 @@
-"""Which reader reads a motion-capture file."""
+"""Choice of the reader for a motion-capture file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ergoqp.registry import check_free, own_term, registered
 READERS: Final = tuple(
     ending[1:] for kind in KINDS if kind is not TABLE for ending in kind.endings if ending != ".csv"
 )
-"""Endings that no reader of one's own may have; tables are anybody's.
+"""Endings that a user's own reader cannot have; those of tables are free.
 
 Example:
     >>> from ergoqp.recordings import READERS
@@ -30,16 +30,16 @@ Example:
 def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = None) -> JointMotion:
     """Read a motion-capture file.
 
-    A reader of the user's own reads the files of its ending; else what is in a file decides.
+    A user's own reader reads the files with its ending. Otherwise the content decides.
 
     Args:
         path: the file.
-        progress: told how much of the file is read, if the reader tells.
-        asked: what the file may not say.
+        progress: is called with the share of the file that is read, if the reader supports it.
+        asked: what the file may lack.
 
     Raises:
-        RecordingError: if there is none, or it cannot read the file, whatever it raises.
-        InputError: if an own reader cannot be imported, or its name is another's too.
+        RecordingError: if there is no such file or the reader fails, with whatever exception.
+        InputError: if a user's own reader cannot be imported, or its name is used twice.
     """
     ending = path.suffix.lower()
     if ending[1:] in READERS:
@@ -52,7 +52,7 @@ def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = N
     # A bag may be a folder, and then has no ending.
     if ending not in kind.endings and not os.path.isdir(path):
         said = (
-            f"The file is read as {kind.title}, by what is in it, although its ending is"
+            f"The file is read as {kind.title} because of its content, although its ending is"
             f" {ending or 'none'}."
         )
         return _noted(motion, [said])
@@ -60,15 +60,15 @@ def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = N
 
 
 def _noted(motion: JointMotion, notes: list[str]) -> JointMotion:
-    """Return a motion with sentences before its own."""
+    """Return a motion with further notes before its own."""
     return replace(motion, notes=(*notes, *motion.notes)) if notes else motion
 
 
 def _unused(asked: Asked | None, kind: Kind | None) -> list[str]:
-    """Say what was stated of a file that its format, or an own reader, does not ask for."""
+    """Return sentences about stated options that the format or a user's own reader ignores."""
     notes = []
     if asked and asked.columns and kind is not TABLE:
-        notes.append("The stated names (columns) are not used: only tables have none of their own.")
+        notes.append("The stated names (columns) are not used: only a table can lack names.")
     if asked and asked.rate is not None and kind not in (TABLE, BODIES):
         notes.append(
             "The stated frames per second (rate) are not used: the file has its own times."
@@ -77,7 +77,7 @@ def _unused(asked: Asked | None, kind: Kind | None) -> list[str]:
 
 
 def _own_motion(path: Path, name: str, reader: Any) -> JointMotion:
-    """Return what the user's own reader of this name makes of a file."""
+    """Return the motion that the user's own reader of this name reads from a file."""
     try:
         motion = reader(path)
         wrong = lacking(motion)

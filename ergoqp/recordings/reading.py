@@ -1,4 +1,4 @@
-"""How a recording is to be read, as its user states it."""
+"""Options for reading a recording, as the user states them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ _ROUNDED: Final = 1e-3  # s
 
 @dataclass(frozen=True)
 class Reading:
-    """How a recording is to be read; None is to be found out.
+    """Options for reading a recording; what is None is found from the recording.
 
     Attributes:
         body: the person.
-        shapes: marker -> where it sits, as a person file has it.
-        subject: whose joints, by the prefix of their names.
-        thing: which object the person holds.
+        shapes: marker -> its place on the body, from a person file.
+        subject: the person whose joints are read: the prefix of their names.
+        thing: name of the object that the person holds.
         unit: size of the unit of length [m].
         up: the vertical axis.
-        naming: how the joints are called.
-        neutral: when the person is straight [s], a recording in which they are, or ``"vertical"``.
+        naming: names of the joints.
+        neutral: time at which the person is straight [s], a recording in which the person is
+            straight, or ``"vertical"``.
         window: first and last time [s].
-        completed: whether lost markers are put already where the others tell them.
+        completed: whether lost markers have been estimated already.
     """
 
     body: Body | None = None
@@ -45,12 +46,12 @@ class Reading:
 
 
 def windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
-    """Return what is between two times [s].
+    """Return the part of a motion between two times [s].
 
     Raises:
-        InputError: there is nothing.
+        InputError: if there is no frame between them.
     """
-    # A file's frame time is rounded: the frame at two seconds is at 1.99999.
+    # The frame time in a file is rounded: the frame at two seconds is at 1.99999.
     inside = (motion.time >= window[0] - _ROUNDED) & (motion.time <= window[1] + _ROUNDED)
     if not inside.any():
         raise InputError(

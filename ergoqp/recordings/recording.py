@@ -1,4 +1,4 @@
-"""A recording as the rest of the package sees it."""
+"""The result of reading a recording."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ class Recording:
             shape (n, 32) [rad].
         base_poses: pose of the pelvis in the world, upright (position and heading only), x forward,
             y left, z up, shape (n, 4, 4) [m].
-        observed: whether the recording tells this joint, shape (n, 32) bool; one that it never
-            tells is zero, one that it does not tell for a while goes on between those it tells.
+        observed: whether the recording determines this joint angle, shape (n, 32) bool; an angle
+            that it never determines is zero, and one that it does not determine for a while is
+            interpolated.
         fit_error: root of the mean squared distance between the recording's joint centres and the
             fitted body's, over the centres that were mapped, shape (n,) [m]; NaN where nothing is
             seen.
-        object_poses: pose of the held object where the recording has one, shape (n, 4, 4) [m], else
-            None.
-        assumptions: what was assumed because the file does not say it, one sentence each.
+        object_poses: pose of the held object, shape (n, 4, 4) [m]; None if the recording has none.
+        assumptions: what was assumed because the file does not state it, one sentence each.
         person: the body that was fitted.
-        errors: centre -> how far the fitted body's is from the recording's, shape (n,) [m].
-        not_scored: why frames are not to be scored (see `ergoqp.recordings.fitting.validity`) ->
-            those frames, shape (n,) bool.
-        markers: marker on the skin -> where it sits on the fitted body and how well.
+        errors: joint centre -> distance between the fitted body's and the recording's, shape (n,)
+            [m].
+        not_scored: cause (see `ergoqp.recordings.fitting.validity`) -> the frames that are not
+            scored because of it, shape (n,) bool.
+        markers: marker on the skin -> its place on the fitted body and its residual.
         measured: segments of the person whose lengths are measured in the recording; the others
-            follow from the stature. None of them where the person was stated, or the recording is
-            of joint angles.
+            follow from the stature. Empty if the person was stated, or if the recording consists of
+            joint angles.
 
     Example:
         >>> import numpy as np
@@ -73,7 +74,7 @@ class Recording:
 
     @property
     def scored_postures(self) -> np.ndarray:
-        """The postures for `ergoqp.reba.assess`, which scores no NaN: (n, 32) [rad]."""
+        """Postures for `ergoqp.reba.assess`, NaN in frames that are not scored (n, 32) [rad]."""
         scored = self.scored
         if scored.all():
             return self.postures
@@ -82,5 +83,5 @@ class Recording:
         return postures
 
     def causes(self, frame: int) -> list[str]:
-        """Return why a frame is not scored; nothing if it is."""
+        """Return why a frame is not scored; an empty list if it is scored."""
         return [cause for cause, frames in self.not_scored.items() if frames[frame]]

@@ -1,4 +1,4 @@
-"""What the user of a fitted recording should be told, one sentence each."""
+"""Sentences for the user about a fitted recording."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ergoqp.recordings.fitting.posture_fit import Fit
 from ergoqp.recordings.fitting.validity import BRIDGED, NEEDED
 
 _POOR: Final = 0.06  # m
-_FASTEST: Final = 12.0  # m/s: above what a hand reaches in work
+_FASTEST: Final = 12.0  # m/s: faster than a hand at work
 
 
 def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) -> list[str]:
-    """Return what stands out about a fitted recording.
+    """Return sentences about what is unusual in a fitted recording.
 
     Args:
         time: time stamps, shape (n,) [s].
         targets: centre -> positions (n, 3) [m] that the body was fitted to.
-        result: what came of it.
+        result: result of the fit.
     """
     told = np.any(result.observed, axis=0)
     return [
@@ -34,7 +34,7 @@ def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) ->
 
 
 def _not_scored(causes: Mapping[str, np.ndarray]) -> list[str]:
-    """Say which frames show no posture."""
+    """Return a sentence with the numbers of frames that are not scored, per cause."""
     if not causes:
         return []
     lacking = np.logical_or.reduce(list(causes.values()))
@@ -43,30 +43,30 @@ def _not_scored(causes: Mapping[str, np.ndarray]) -> list[str]:
 
 
 def _bridged(result: Fit) -> list[str]:
-    """Say where what was lost for a moment is taken from what is around it."""
+    """Return a sentence with the number of scored frames that have an interpolated joint."""
     lacking = np.logical_or.reduce([np.zeros(len(result.error), bool), *result.not_scored.values()])
     needed = [INDEX[joint] for _, joint, *_ in NEEDED if result.observed[:, INDEX[joint]].any()]
     count = int((~result.observed[:, needed].all(axis=1) & ~lacking).sum())
     if not count:
         return []
     return [
-        f"In {count} frames a joint is lost for less than {BRIDGED:g} s: it is taken from what is"
-        " around."
+        f"In {count} frames a joint is lost for less than {BRIDGED:g} s: it is interpolated from"
+        " the frames around."
     ]
 
 
 def _poor(error: np.ndarray) -> list[str]:
-    """Say when the body looks nothing like the recording, as with a wrong axis or mapping."""
+    """Return a sentence if the body is far from the recording, as with a wrong axis or mapping."""
     seen = error[np.isfinite(error)]
     median = float(np.median(seen)) if len(seen) else 0.0
     if median <= _POOR:
         return []
-    how = f"The body fits poorly, by {1000 * median:.0f} mm in the median frame"
+    how = f"The body fits poorly, with an error of {1000 * median:.0f} mm in the median frame"
     return [f"{how}; check the vertical axis, the person and the mapping."]
 
 
 def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> list[str]:
-    """Say when frames are too far apart for the stated frame time: calibration poses, keyframes."""
+    """Return a sentence if a centre moves too fast for the frame time (calibration, keyframes)."""
     moved = np.full(len(time) - 1, np.nan)
     for path in targets.values():
         moved = np.fmax(moved, np.linalg.norm(np.diff(path, axis=0), axis=1))
@@ -77,31 +77,31 @@ def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> list[str]:
     more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
     return [
         f"Between the frames {first + 1} and {first + 2}{more} a joint moves by"
-        f" {moved[places].max():.2f} m at once: a calibration pose, or frames that are not uniform"
-        " in time."
+        f" {moved[places].max():.2f} m at once: this is a calibration pose, or the frames are not"
+        " uniform in time."
     ]
 
 
 def _unobserved(told: np.ndarray) -> list[str]:
-    """List joints held at zero because no centre tells them, and what that means for the wrist."""
+    """Return sentences about joints that no centre determines, and what follows for the score."""
     never = [
         spoken(name) for name, is_told in zip(JOINTS, told.tolist(), strict=True) if not is_told
     ]
     if not never:
         return []
-    sentences = [f"Not told by the recording and held at zero: {', '.join(never)}."]
+    sentences = [f"Not determined by the recording and set to zero: {', '.join(never)}."]
     arms = [side for side in SIDES if told[INDEX[f"{side}_shoulder_flexion"]]]
     if len(arms) == 1:
         lost = next(side for side in SIDES if side not in arms)
         sentences.append(
-            f"The {lost} arm is scored as if it were hanging: only the other one counts."
+            f"The {lost} arm is not seen and is scored as hanging, so only the other arm counts."
         )
     if any(
         told[INDEX[f"{side}_wrist_flexion"]] and not told[INDEX[f"{side}_forearm_pronation"]]
         for side in SIDES
     ):
         sentences.append(
-            "The bend of the wrist is shared out between flexion and deviation as if the forearm"
-            " were not turned."
+            "The bend of the wrist is split into flexion and deviation as if the forearm were not"
+            " rotated."
         )
     return sentences

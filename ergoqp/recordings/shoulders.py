@@ -1,9 +1,9 @@
-"""Shoulders that nobody tracked, from the elbows that circle about them.
+"""Shoulders that were not tracked, from the elbows that circle about them.
 
-A few rigid bodies (head, middle of the shoulders, elbows, hands, belt) are what handling studies
-often track. In the axes of the body between the shoulders an elbow moves on a sphere, and its
-middle is the shoulder. Where an arm hardly moves a sphere says little: there the shoulders are at
-the sides of that body, as far apart as an average person's.
+Handling studies often track only a few rigid bodies (head, middle of the shoulders, elbows, hands,
+belt). In the axes of the body between the shoulders an elbow moves on a sphere whose centre is the
+shoulder. If an arm hardly moves, the sphere is hardly determined. The shoulder is then at the side
+of that body, where an average person has it.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from ergoqp.joints import SIDES
 from ergoqp.recordings.motion import JointMotion
 
 _SAMPLE: Final = 3000
-"""Frames by which a sphere is found."""
+"""Frames from which a sphere is found, about."""
 _TRUST: Final = 0.15
-"""Weight of an average person beside a sphere: the share of the frames' own."""
+"""Weight of an average person in the fit of a sphere, relative to that of the frames."""
 _ROUNDS: Final = 4
 SAID: Final = (
-    "The shoulders are not in the recording: they are taken to be where the elbows circle about"
-    " them, in the axes of the body between them, and where an average person has them as far as"
-    " the arms hardly move."
+    "The shoulders are not in the recording: each is taken as the centre of the sphere on which its"
+    " elbow moves, in the axes of the body between the shoulders, and is the nearer to an average"
+    " person's the less the arm moves."
 )
 
 
 def shoulders_of(
     motion: JointMotion, found: Mapping[str, tuple[int, ...]]
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Return both shoulders (n, 3) where elbows are tracked and shoulders are not, and a sentence.
+    """Return both shoulders (n, 3), if elbows are tracked and shoulders are not, and a sentence.
 
     Args:
-        motion: with the orientation of the body between the shoulders.
-        found: our centre -> places of its joints.
+        motion: the motion with the orientation of the body between the shoulders.
+        found: our centre -> indices of its joints.
     """
     needed = {"neck", *(f"{side}_{name}" for side in SIDES for name in ("elbow", "wrist"))}
     if not needed <= set(found) or {"right_shoulder", "left_shoulder"} & set(found):
@@ -77,12 +77,12 @@ def shoulders_of(
 
 
 def _middle(points: np.ndarray, usual: np.ndarray, length: float) -> np.ndarray:
-    """Return the middle (3,) of the sphere that points (n, 3) are on, drawn to the usual one.
+    """Return the centre (3,) of the sphere through points (n, 3), with a pull to the usual one.
 
     Args:
-        points: the elbow, NaN where it is not seen.
-        usual: where an average person has the middle (3,).
-        length: of an average upper arm.
+        points: positions of the elbow, NaN where it is not seen.
+        usual: centre in an average person (3,).
+        length: length of an average upper arm.
     """
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
@@ -92,7 +92,7 @@ def _middle(points: np.ndarray, usual: np.ndarray, length: float) -> np.ndarray:
         away = points - middle
         size = np.linalg.norm(away, axis=1, keepdims=True)
         slope = np.column_stack([-away / size, -np.ones(len(away))])
-        # Gauss-Newton on distances, and on how far this is from an average person.
+        # Gauss-Newton step on the distances from the sphere, and from an average person.
         weight = np.sqrt(len(points)) * _TRUST
         rows = np.vstack([slope, weight * np.eye(4)])
         miss = np.concatenate(

@@ -1,4 +1,4 @@
-"""Whose joints and markers a recording holds: people and things by the prefix of their names."""
+"""People and things in a recording, told apart by the prefix of their names."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import parted
 
 _LEAST: Final = 6
-"""Joints or markers of a person at least."""
+"""Least number of joints or markers of a person."""
 _SHARE: Final = 0.5
-"""Who has fewer joints than this share of the one with the most is a part of somebody."""
+"""A prefix with fewer joints than this share of the largest number is not a person of its own."""
 _CORNERS: Final = 3
-"""Markers that show how a thing is turned."""
+"""Number of markers that determine the orientation of a thing."""
 _SAMPLE: Final = 2000
-"""Frames by which a thing's shape is found."""
+"""Frames from which the shape of a thing is found, about."""
 _BLOCK: Final = 8192
-"""Frames at once."""
+"""Frames that are processed at once."""
 _SIZE: Final = 0.5
-"""Shapes are followed in metres, so a thing is taken to be so large [m]."""
+"""Size to which a thing is scaled, because shapes are followed in metres [m]."""
 _RIGID: Final = 0.05 * _SIZE
-"""No point of a thing misses its shape by more [m]."""
+"""Largest distance of a thing's marker from its place in the shape [m]."""
 
 
 def of_subject(
@@ -36,14 +36,14 @@ def of_subject(
     """Return one person's joints, without their prefix; things of three markers become objects.
 
     Args:
-        motion: everybody's.
-        subject: whose, by the prefix; None if there is one person.
-        known: how many of some names are a person's.
+        motion: the joints of everybody.
+        subject: prefix of the person; None if there is one person.
+        known: function that returns how many of some names are those of a person's joints.
         where: the recording's name, for messages.
 
     Raises:
-        RecordingError: there are two people, and nobody says which one.
-        InputError: nobody is called `subject`.
+        RecordingError: if there are several people and none is stated.
+        InputError: if there is no such subject.
     """
     groups: dict[str, dict[str, str]] = {}
     for name in motion.names:
@@ -54,7 +54,7 @@ def of_subject(
     if subject is not None and subject not in groups:
         raise InputError(
             f"{where}: subject: got {subject!r}, allowed"
-            f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: it names nobody'}"
+            f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: there is no prefix'}"
         )
     if not groups:
         return motion
@@ -66,7 +66,7 @@ def of_subject(
     if subject is None and len(people) > 1:
         raise RecordingError(
             f"{where}: got {len(people)} people ({some([p or 'without a name' for p in people])}),"
-            " allowed one; state whose posture is meant (subject)"
+            " allowed one; state the person whose posture is meant (subject)"
         )
     chosen = subject if subject is not None else (people[0] if people else None)
     if chosen is None:
@@ -76,7 +76,7 @@ def of_subject(
     for prefix, names in groups.items():
         if prefix in (chosen, "", *people) or prefix in objects:
             continue
-        # Joints of somebody of whom little is seen may stand still for long.
+        # Joints of a person of whom little is seen may stand still for long, like a thing.
         own, pose = tuple(names.values()), None
         if known(own) <= _SHARE * len(own):
             pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
@@ -85,12 +85,12 @@ def of_subject(
             continue
         objects[prefix] = pose
         said.append(
-            f"{prefix} is an object of {len(names)} markers: its origin is their middle, its axes"
-            " are the file's in its first whole frame."
+            f"{prefix} is an object of {len(names)} markers: its origin is their middle, and its"
+            " axes are the file's axes in the first frame in which it is seen."
         )
     if others:
-        said.append(f"Also there, and left out: {some([repr(p) for p in others])}.")
-    # What has no prefix belongs to nobody else, but the person's own go before it.
+        said.append(f"Also in the recording, and left out: {some([repr(p) for p in others])}.")
+    # Names without a prefix belong to the person, too, unless a name with the prefix is the same.
     own = set(groups[chosen].values())
     keep = {each: new for each, new in groups.get("", {}).items() if new not in own}
     keep |= groups[chosen]
@@ -103,9 +103,9 @@ def _named_alike(
     names: dict[str, str],
     known: Callable[[tuple[str, ...]], int],
 ) -> JointMotion:
-    """Return the only person's joints, without their prefix where that is no part of the names.
+    """Return the only person's joints, without their prefix if the names are known better without.
 
-    Namings of skeletons know it, and mapping files may have it.
+    Some namings contain the prefix, and mapping files may.
     """
     if known(tuple(names.values())) <= known(motion.names):
         return motion
@@ -117,10 +117,10 @@ def _said(person: str) -> list[str]:
 
 
 def _pose_of(points: np.ndarray) -> np.ndarray | None:
-    """Return the poses (n, 4, 4) of a rigid thing by its markers; None if they do not show it.
+    """Return the poses (n, 4, 4) of a rigid thing from its markers; None if they are not rigid.
 
-    In half of the frames in which they are seen, at least, they keep their shape: others are of
-    somebody who moves.
+    They have to keep their shape in at least half of the frames in which they are seen. Otherwise
+    they belong to somebody who moves.
     """
     shown = np.flatnonzero(np.isfinite(points).all(axis=2).sum(axis=1) >= _CORNERS)
     if not len(shown):

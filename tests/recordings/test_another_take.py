@@ -45,7 +45,7 @@ def test_somebody_else(work: Path, tmp_path: Path) -> None:
     lengths = {"thigh": 0.52, "upper_arm": 0.22, "trunk": 0.40}
     other = table(tmp_path / "other.csv", standing(Body(lengths=BODY.lengths | lengths)))
     with pytest.raises(
-        RecordingError, match=r"work.csv: neutral: got a skeleton of other prop.* %"
+        RecordingError, match=r"work.csv: neutral: got a skeleton with other prop.* %"
     ):
         load_recording(work, up="z", neutral=other)
 

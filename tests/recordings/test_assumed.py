@@ -40,7 +40,7 @@ def test_what_is_near_a_hand_is_held(x: float, thing: str | None) -> None:
 def test_what_is_far_is_not_held_unless_it_is_stated() -> None:
     assert held(5000.0) == (
         False,
-        "The object cup is 4.0 m from the nearer hand in the median: it is not taken as held; state"
+        "The object cup is 4.0 m from the nearer hand in the median and is not taken as held; state"
         " it (thing) if it is.",
     )
     assert held(5000.0, "cup") == (
@@ -52,7 +52,7 @@ def test_what_is_far_is_not_held_unless_it_is_stated() -> None:
 
 @pytest.mark.parametrize("thing", [None, "cup"])
 def test_what_is_never_seen_is_not_held(thing: str | None) -> None:
-    said = "The object cup is never seen: none is taken as held."
+    said = "The object cup is never seen, so no object is taken as held."
     assert held(np.nan, thing) == (False, said)
 
 

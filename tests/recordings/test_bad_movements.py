@@ -42,7 +42,7 @@ def test_frames_that_are_missing_are_bridged_or_not_scored(work: Places) -> None
         off = np.abs(recording.postures - plain.postures)[recording.scored]
         assert np.degrees(np.median(off.max(axis=1))) < 3
         assert np.isnan(recording.fit_error).mean() == pytest.approx(share, abs=0.05)
-        assert "is taken from what is around" in " ".join(recording.assumptions)
+        assert "is interpolated from the frames around" in " ".join(recording.assumptions)
 
 
 def test_points_that_are_missing(work: Places) -> None:
@@ -95,7 +95,7 @@ def test_parts_of_a_person(work: Places) -> None:
     assert nobody.causes(0) == ["arms not seen"]
     one = fitted(without("left_elbow", "left_wrist"))
     assert one.scored.all()
-    assert "The left arm is scored as if it were hanging" in " ".join(one.assumptions)
+    assert "The left arm is not seen and is scored as hanging" in " ".join(one.assumptions)
     with pytest.raises(RecordingError, match="the upper trunk cannot be placed"):
         fitted({c: path for c, path in work.items() if c.endswith(("hip", "knee", "ankle"))})
 
@@ -143,7 +143,7 @@ def test_a_point_that_jumps_is_not_scored(work: Places) -> None:
     work["right_elbow"][50:60] += 0.5
     recording = fitted(work)
     np.testing.assert_array_equal(np.flatnonzero(~recording.scored), np.arange(50, 60))
-    assert "right upper arm of another length" in recording.causes(55)
+    assert "right upper arm of unusual length" in recording.causes(55)
 
 
 def test_nobody_lies_at_work(work: Places) -> None:
@@ -184,7 +184,7 @@ def test_a_bone_that_is_longer_for_a_while_is_not_scored(work: Places) -> None:
         knee, ankle = places["left_knee"], places["left_ankle"]
         ankle[30:50] = knee[30:50] + share * (ankle - knee)[30:50]
         recording = fitted(places)
-        stretched = recording.not_scored.get("left shank of another length", np.zeros(600, bool))
+        stretched = recording.not_scored.get("left shank of unusual length", np.zeros(600, bool))
         assert stretched.sum() == expected
 
 
@@ -196,7 +196,7 @@ def test_a_leap_and_back_is_not_scored_and_a_cut_is(work: Places) -> None:
     work["left_ankle"][400:405] = (knee + aside)[400:405]
     recording = fitted(work)
     np.testing.assert_array_equal(np.flatnonzero(~recording.scored), np.arange(400, 405))
-    assert recording.causes(402) == ["left shank leaps"]
+    assert recording.causes(402) == ["left shank jumps"]
     work["left_ankle"][400:] = (knee + aside)[400:]
     assert fitted(work).scored.all()
 
@@ -220,7 +220,7 @@ def test_a_point_that_drifts_is_not_scored_from_where_it_shows(work: Places) -> 
     assert not recording.scored[210:250].any()
     assert recording.scored[:200].all()
     assert recording.scored[260:].all()
-    assert "left forearm of another length" in recording.causes(230)
+    assert "left forearm of unusual length" in recording.causes(230)
 
 
 def test_a_bone_that_always_varies_may_do_so(work: Places) -> None:
@@ -232,7 +232,7 @@ def test_a_bone_that_always_varies_may_do_so(work: Places) -> None:
         share = 1 + usual * slowly
         share[30:50] = 1.04
         places["left_ankle"] = knee + share * (ankle - knee)
-    stretched = "left shank of another length"
+    stretched = "left shank of unusual length"
     assert fitted(plain).not_scored[stretched][30:50].all()
     assert fitted(work).scored.all()
 
@@ -252,7 +252,7 @@ def test_a_short_bone_turns_by_noise_and_does_not_leap(work: Places) -> None:
     for name in ("head", "head_top"):
         work[name] = work["neck"] + 0.3 * (work[name] - work["neck"])
     noisy = {c: path + 0.003 * generator.standard_normal(path.shape) for c, path in work.items()}
-    assert "neck leaps" not in fitted(noisy, neutral="vertical").not_scored
+    assert "neck jumps" not in fitted(noisy, neutral="vertical").not_scored
 
 
 @pytest.mark.parametrize("case", list(cases()), ids=lambda case: case.name)
@@ -295,7 +295,7 @@ def test_far_from_the_origin_numbers_are_not_exact(work: Places) -> None:
     far = np.stack(list(work.values()), axis=1).astype(np.float32) + np.float32(1e5)
     motion = JointMotion(tuple(work), far, np.arange(len(far)) / 60)
     with pytest.raises(
-        RecordingError, match="they are exact to 8 mm only, allowed with the origin"
+        RecordingError, match="they are exact to 8 mm only, allowed coordinates with"
     ):
         recording_of(motion, "a", Reading(unit=1.0, up="z"))
     recording_of(replace(motion, positions=far.astype(float)), "a", Reading(unit=1.0, up="z"))

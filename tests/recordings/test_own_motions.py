@@ -49,19 +49,19 @@ def test_what_is_right() -> None:
         ({"turns": {"a": TURN[:2]}}, "turns of a of shape (2, 4) and not (3, 4)"),
         ({"turns": {"a": TURN[:, :3]}}, "turns of a of shape (3, 3) and not (3, 4)"),
         ({"turns": {"a": TURN.astype(str)}}, "turns of a of shape (3, 4) and not numbers"),
-        ({"turns": {"a": TURN + np.inf}}, "turns of a without end"),
-        ({"turns": {"a": 0 * TURN}}, "turns of a that are no unit quaternions"),
-        ({"turns": {"a": 1.5 * TURN}}, "turns of a that are no unit quaternions"),
-        ({"turns": {"a": 1e200 * TURN}}, "turns of a that are no unit quaternions"),
+        ({"turns": {"a": TURN + np.inf}}, "turns of a with infinite numbers"),
+        ({"turns": {"a": 0 * TURN}}, "turns of a that are not unit quaternions"),
+        ({"turns": {"a": 1.5 * TURN}}, "turns of a that are not unit quaternions"),
+        ({"turns": {"a": 1e200 * TURN}}, "turns of a that are not unit quaternions"),
         ({"objects": 3}, "the objects 3"),
         ({"objects": {"box": POSE[0]}}, "objects of box of shape (4, 4) and not (3, 4, 4)"),
         ({"objects": {"box": POSE[:, :3]}}, "objects of box of shape (3, 3, 4) and not"),
-        ({"objects": {"box": 2 * POSE}}, "objects of box that are no poses"),
-        ({"objects": {"box": POSE[:, ::-1]}}, "objects of box that are no poses"),
-        ({"objects": {"box": 1e200 * POSE}}, "objects of box that are no poses"),
+        ({"objects": {"box": 2 * POSE}}, "objects of box that are not poses"),
+        ({"objects": {"box": POSE[:, ::-1]}}, "objects of box that are not poses"),
+        ({"objects": {"box": 1e200 * POSE}}, "objects of box that are not poses"),
         ({"angles": {"knee": np.zeros(2)}}, "angles of knee of shape (2,) and not (3,)"),
         ({"angles": {"knee": 1.0}}, "angles of knee of shape () and not (3,)"),
-        ({"angles": {"knee": np.full(3, -np.inf)}}, "angles of knee without end"),
+        ({"angles": {"knee": np.full(3, -np.inf)}}, "angles of knee with infinite numbers"),
         ({"measures": {"height": "tall"}}, "the measures {'height': 'tall'}"),
         ({"measures": {"height": np.nan}}, "the measures {'height': nan}"),
         ({"measures": {"height": True}}, "the measures {'height': True}"),
@@ -90,10 +90,10 @@ def test_what_is_right() -> None:
         ({"time": np.array([0.0, 1.0, 1e300])}, "times that are 5e+299 s apart"),
         ({"positions": [[[0.0], [1.0, 2.0]]] * 3}, "positions whose rows differ in length"),
         ({"positions": np.zeros((3, 2, 3), complex)}, "positions of shape (3, 2, 3) and not num"),
-        ({"rest": np.full((2, 3), 1e200)}, "rest beyond 1e+09"),
-        ({"angles": {"knee": np.full(3, -1e200)}}, "angles of knee beyond 1e+09"),
-        ({"objects": {"box": POSE + 1e200 * np.eye(4)[:, 3:].T}}, "objects of box that are no"),
-        ({"objects": {"box": POSE + np.eye(4)[3][:, None]}}, "objects of box that are no poses"),
+        ({"rest": np.full((2, 3), 1e200)}, "rest with a number beyond 1e+09"),
+        ({"angles": {"knee": np.full(3, -1e200)}}, "angles of knee with a number beyond 1e+09"),
+        ({"objects": {"box": POSE + 1e200 * np.eye(4)[:, 3:].T}}, "objects of box that are not"),
+        ({"objects": {"box": POSE + np.eye(4)[3][:, None]}}, "objects of box that are not poses"),
         ({"objects": {"box": POSE.astype(str).tolist()}}, "objects of box of shape (3, 4, 4) and"),
         ({"unit": 1e300}, "the unit 1e+300"),
         ({"up": np.zeros(3)}, "the vertical axis array([0., 0., 0.])"),
@@ -125,7 +125,9 @@ FAR[:, 0, 3] = 1e200
 
 
 def test_a_thing_that_is_too_far() -> None:
-    assert lacking(replace(GOOD, objects={"box": FAR})) == "objects of box beyond 1e+09"
+    assert lacking(replace(GOOD, objects={"box": FAR})) == (
+        "objects of box with a number beyond 1e+09"
+    )
 
 
 def test_a_gap_of_years_is_none() -> None:

@@ -73,7 +73,7 @@ def test_what_is_no_reader_is_a_sentence(read) -> None:
         (replace(GOOD, names=("a", "a")), "a name twice"),
         (replace(GOOD, positions=np.zeros((3, 3, 3))), r"positions of shape \(3, 3, 3\) and not"),
         (replace(GOOD, positions=np.full((3, 2, 3), "x")), "positions of shape"),
-        (replace(GOOD, positions=np.full((3, 2, 3), np.inf)), "positions without end"),
+        (replace(GOOD, positions=np.full((3, 2, 3), np.inf)), "positions with infinite numbers"),
         (replace(GOOD, rest=np.zeros(3)), r"rest of shape \(3,\) and not \(2, 3\)"),
         (replace(GOOD, time=np.zeros(3)), "times that do not increase"),
         (replace(GOOD, time=np.array([0, 1, np.nan])), "times that do not increase"),

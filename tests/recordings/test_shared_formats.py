@@ -49,7 +49,7 @@ READ = (
         "c3d/pycgm_Movement_trial.c3d",
         323,
         323,
-        ("42 of 239 points have no label", "56 points are computed", "as the file has measured"),
+        ("42 of 239 points have no label", "56 points are computed", "as measured in the file"),
     ),
     Outcome("c3d/pycgm_Sample_Static.c3d", 275, 275, ("4 of 141 points have no label",)),
     Outcome(
@@ -60,8 +60,8 @@ READ = (
             "The person is 'Daphnee'",
             "boite is an object of 8 markers",
             "The object that is held is boite",
-            "The left arm is scored as if it were hanging",
-            "Not told by the recording and held at zero: trunk twist",
+            "The left arm is not seen and is scored as hanging",
+            "Not determined by the recording and set to zero: trunk twist",
         ),
         thing=True,
     ),
@@ -74,7 +74,7 @@ READ = (
         (
             "18 of 560 messages show nobody",
             "axes of the frame 'kinect2_depth_camera_link'",
-            "camera is taken to be tilted by 21 deg to the axis -y",
+            "camera is taken to be tilted by 21 deg against the axis -y",
             "not uniform in time",
         ),
     ),
@@ -82,7 +82,7 @@ READ = (
         "kinect/azure_kinect_body_tracking_part1.csv",
         542,
         524,
-        ("Times are taken as microseconds", "tilted by 21 deg to the axis -y", "Azure Kinect"),
+        ("Times are taken as microseconds", "tilted by 21 deg against the axis -y", "Azure Kinect"),
     ),
     Outcome(
         "kth_handover_giver",
@@ -91,9 +91,9 @@ READ = (
         (
             "120 frames per second, as stated",
             "quaternions are taken as x, y, z, w",
-            "76 of 801 frames are the frame before once more",
+            "76 of 801 frames repeat the frame before",
             "The object that is held is baton",
-            "look ahead of the trunk in the median",
+            "face ahead of the trunk in the median",
         ),
         thing=True,
         keys={"rate": 120},
@@ -105,7 +105,7 @@ READ = (
         (
             "unit of length is 1 m, as the file says",
             "vertical axis is taken as z",
-            "76 of 801 frames are the frame before once more",
+            "76 of 801 frames repeat the frame before",
             "The object that is held is Baton",
         ),
         thing=True,
@@ -130,17 +130,17 @@ READ = (
         "trc/pyomeca_comma_badcount.trc",
         93,
         93,
-        ("states 652 frames and has 93", "The left arm is scored as if it were hanging"),
+        ("states 652 frames and has 93", "The left arm is not seen and is scored as hanging"),
     ),
 )
 
 REFUSED = (
     # 39 of its 75 labels have no data, those of all landmarks among them.
-    ("c3d/c3dorg_pc_real.c3d", {}, r"got the joints or markers RFT1, .*no known naming"),
+    ("c3d/c3dorg_pc_real.c3d", {}, r"got the joints or markers RFT1, .*names are unknown"),
     (
         "motive/motive_v121_rigidbodies_markers.csv",
         {},
-        r"got the joints or markers Rigid Body 1.*no known naming",
+        r"got the joints or markers Rigid Body 1.*names are unknown",
     ),
     ("motive/motive_v123_empty_no_bodies.csv", {}, "nothing is tracked, allowed bones"),
     ("arms/assembly_Task1_Human1_trial1.txt", {}, r"got 18 numbers and no names.*\(columns\)"),

@@ -46,7 +46,7 @@ def test_smoothing_brings_centres_nearer_to_what_they_did(size: float) -> None:
             off = [np.sqrt(((each[centre] - path) ** 2).mean()) for each in (found, shaken)]
             assert off[0] < 0.6 * off[1]
         assert len(said) == 1
-        assert f"{len(places)} of {len(places)} joint centres tremble" in said[0]
+        assert f"{len(places)} of {len(places)} joint centres jitter" in said[0]
         told = int(said[0].split(", by ")[1].split(" mm")[0])
         assert told == pytest.approx(1000 * size, rel=0.2)
 
@@ -54,7 +54,7 @@ def test_smoothing_brings_centres_nearer_to_what_they_did(size: float) -> None:
 def test_angles_are_nearer_too() -> None:
     places = {c: np.concatenate([walk()[0][c], stoop()[0][c]]) for c in walk()[0]}
     truth, found = read_angles(fitted(places).postures), fitted(trembling(places, 0.01))
-    assert "joint centres tremble" in " ".join(found.assumptions)
+    assert "joint centres jitter" in " ".join(found.assumptions)
     for name, right in truth.items():
         off = np.abs(read_angles(found.postures)[name] - right)[found.scored]
         # 10 mm of each end of a forearm are 3 degrees each.

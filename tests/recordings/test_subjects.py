@@ -71,7 +71,7 @@ def test_one_person_without_a_name_is_left_as_it_is() -> None:
     assert chosen(nobody) is nobody
     with pytest.raises(InputError) as caught:
         chosen(motion, "Ann")
-    sentence = "take: subject: got 'Ann', allowed None: it names nobody"
+    sentence = "take: subject: got 'Ann', allowed None: there is no prefix"
     assert str(caught.value) == sentence
 
 
@@ -92,7 +92,8 @@ def test_two_people_are_asked_for() -> None:
     with pytest.raises(RecordingError) as caught:
         chosen(motion)
     assert str(caught.value) == (
-        "take: got 2 people (Ann, Bob), allowed one; state whose posture is meant (subject)"
+        "take: got 2 people (Ann, Bob), allowed one; state the person whose posture is meant"
+        " (subject)"
     )
     with pytest.raises(InputError) as unknown:
         chosen(motion, "ann")
@@ -125,7 +126,7 @@ def test_a_person_is_chosen(subject: str) -> None:
     other = "Bob" if subject == "Ann" else "Ann"
     assert found.notes == (
         f"The person is {subject!r}.",
-        f"Also there, and left out: '{other}'.",
+        f"Also in the recording, and left out: '{other}'.",
         "Said.",
     )
 
@@ -156,8 +157,8 @@ def test_a_thing_with_a_name_becomes_an_object(first: int | None, scale: float) 
     assert found.names == MARKERS
     assert found.notes == (
         "The person is 'Ann'.",
-        "box is an object of 5 markers: its origin is their middle, its axes are the file's in its"
-        " first whole frame.",
+        "box is an object of 5 markers: its origin is their middle, and its axes are the file's"
+        " axes in the first frame in which it is seen.",
     )
     poses = found.objects["box"]
     np.testing.assert_allclose(poses[:, :3, 3], points.mean(axis=1), rtol=1e-6)
@@ -203,7 +204,7 @@ def test_what_shows_no_pose_is_told(points: np.ndarray) -> None:
     found = chosen(with_thing(motion_of(whose("Ann")), "box", points))
     assert found.names == MARKERS
     assert dict(found.objects) == {}
-    assert "Also there, and left out: 'box'." in found.notes
+    assert "Also in the recording, and left out: 'box'." in found.notes
 
 
 def test_somebody_of_whom_little_is_seen_is_no_thing() -> None:
@@ -223,7 +224,7 @@ def test_somebody_of_whom_little_is_seen_is_no_thing() -> None:
         positions = np.concatenate([whole, points], axis=1)
         found = chosen(JointMotion(tuple(joints), positions, np.arange(count) / 10))
         assert dict(found.objects) == {}
-        assert "Also there, and left out: 'Bob'." in found.notes
+        assert "Also in the recording, and left out: 'Bob'." in found.notes
 
 
 def test_a_marker_that_fell_off_a_thing_is_no_other_thing() -> None:

@@ -1,7 +1,7 @@
-"""The text of a BVH file as skeleton and numbers, in one pass that trusts nothing.
+"""Parser of BVH files: skeleton and numbers, in one pass that trusts nothing in the file.
 
-The rows are read in blocks: an hour is more than fits. No frame count is believed, no line that may
-never come is waited for, no NaN let through; what is wrong is told with its line.
+The rows are read in blocks, because an hour does not fit into memory. The stated number of frames
+is checked, and an early end of the file and NaN are refused. Errors name the line.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ergoqp.recordings.formats.opening import binary, short
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
 """The channel names of the format."""
 
-_LARGEST = 1e8  # in any unit of length, and in degrees; no person is there
+_LARGEST = 1e8  # largest number, in any unit of length and in degrees
 _SHORTEST_FRAME = 1e-5  # seconds; nobody measures so often
 _LONGEST_FRAME = 10.0  # seconds; a longer frame time is a frame rate written in its place
-_BLOCK: Final = 4096  # rows that are numbers at once
+_BLOCK: Final = 4096  # rows that are converted to numbers at once
 _MOST_JOINTS: Final = 500  # a person with every finger and face bone has about 200
-_DEEPEST = 100  # joints, one inside the other; a person with all fingers has about ten
+_DEEPEST = 100  # nested joints; a person with all fingers has about ten
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,10 @@ class Joint:
     """One joint of a skeleton.
 
     Attributes:
-        name: the file's name of it.
-        offset: its place in its parent at rest, shape (3,) [file unit].
-        channels: which of `CHANNELS` its columns of the rows are, in their order.
-        depth: how many joints it hangs below the root; its parent is the last one before it that
-            hangs one less.
+        name: its name in the file.
+        offset: its position in its parent at rest, shape (3,) [file unit].
+        channels: the `CHANNELS` of its columns, in their order.
+        depth: number of joints above it; its parent is the last joint before it with one less.
     """
 
     name: str
@@ -56,9 +55,9 @@ class BvhText:
     Attributes:
         joints: the skeleton in the order of the file, which is that of the columns.
         frame_time: period between two rows [s].
-        most: more rows than that there are not.
-        blocks: channel values, some rows (k, channels) after the other; finite [file unit, deg].
-            What is wrong with a row is raised when its turn comes.
+        most: upper limit of the number of rows.
+        blocks: channel values, in blocks of rows (k, channels); finite [file unit, deg]. An error
+            in a row is raised when its block is read.
     """
 
     joints: tuple[Joint, ...]
@@ -69,14 +68,14 @@ class BvhText:
 
 @dataclass
 class _Cursor:
-    """The lines of one file and the place reached, so that every complaint names its line."""
+    """The lines of one file and the current line, so that every error names its line."""
 
     path: Path
     lines: Iterator[str]
     line: int = 0
-    """Number of the line last returned, counted from 1; 0 before the first."""
+    """Number of the last line that was returned, counted from 1; 0 before the first."""
     empty: bool = True
-    """Whether all of them were blank so far."""
+    """Whether all lines so far were blank."""
 
     def words(self) -> list[str] | None:
         """Return the words of the next line that is not blank; None at the end."""
@@ -98,7 +97,7 @@ class _Cursor:
         )
 
     def part(self, keyword: str) -> list[str]:
-        """Return what the next line says behind the keyword that must begin it."""
+        """Return the words of the next line after the keyword with which it has to begin."""
         words = self.next("the skeleton's last closing brace")
         alone = keyword in "{}"
         if words[0] != keyword or (alone and len(words) > 1):
@@ -115,9 +114,7 @@ class _Cursor:
         except ValueError:
             self.fail(f"{what}: got {short(word)}, allowed a number")
         if not abs(value) <= _LARGEST:  # also false for NaN
-            self.fail(
-                f"{what} is {short(word)}; only finite numbers up to {_LARGEST:g} can be used"
-            )
+            self.fail(f"{what}: got {short(word)}, allowed finite numbers up to {_LARGEST:g}")
         return value
 
 
@@ -127,14 +124,14 @@ def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
 
     Args:
         path: the file.
-        progress: told how much of the file is read.
+        progress: is called with the share of the file that is read.
 
     Yields:
         The skeleton, the frame time, and the rows as numbers, block by block.
 
     Raises:
-        RecordingError: the file is missing, a folder, not text, or not a complete and finite BVH
-            file; says which line, what was found and what is allowed.
+        RecordingError: if the file is missing, a folder, not text, or not a complete and finite BVH
+            file; with the line, what was found and what is allowed.
     """
     with binary(path) as file:
         cursor = _Cursor(path, iter(()))
@@ -145,7 +142,7 @@ def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
         joints = _read_skeleton(cursor)
         channels = sum(len(joint.channels) for joint in joints)
         stated, stated_line, frame_time = _read_motion(cursor)
-        # A number and what parts it from the next are two bytes at least.
+        # A number and its separator are at least two bytes.
         size = path.stat().st_size
         most = min(stated, size // (2 * channels) + 1)
         rows = _rows(cursor, channels, stated, stated_line)
@@ -153,7 +150,7 @@ def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
 
 
 def _lines(file: BinaryIO, cursor: _Cursor) -> Iterator[str]:
-    """Return the lines of a file, ended in any of the usual ways."""
+    """Yield the lines of a file, with any of the usual line ends."""
     for number, raw in enumerate(file):
         try:
             text = raw.decode("utf-8" if number else "utf-8-sig")
@@ -166,7 +163,7 @@ def _lines(file: BinaryIO, cursor: _Cursor) -> Iterator[str]:
 
 
 def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
-    """Walk over the skeleton until the root's brace closes."""
+    """Read the skeleton up to the closing brace of its root."""
     lines: dict[str, int] = {}
     joints = [_read_joint(cursor, cursor.part("ROOT"), 0, lines)]
     inside = [joints[0]]
@@ -184,28 +181,27 @@ def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
         else:
             cursor.fail(
                 f"got {short(' '.join(words))}, allowed inside joint {short(inside[-1].name)} are"
-                " JOINT, End Site and its closing brace alone on a line"
+                " JOINT, End Site, or its closing brace alone on a line"
             )
     if len(joints) > _MOST_JOINTS:
         cursor.fail(f"got {len(joints)} joints, allowed {_MOST_JOINTS}")
     if not any(joint.channels for joint in joints):
-        cursor.fail("got a skeleton without channels, allowed at least one joint with some")
+        cursor.fail("got a skeleton without channels, allowed a joint with channels at least")
     return tuple(joints)
 
 
 def _read_joint(cursor: _Cursor, words: list[str], depth: int, lines: dict[str, int]) -> Joint:
-    """Read a joint down to its channels; `lines` tells where each name was used first."""
+    """Read a joint up to its channels; `lines` maps each name to its line."""
     if len(words) != 1:
         cursor.fail(f"a joint: got {short(' '.join(words))}, allowed one name without spaces")
     name = words[0]
     if name in lines:
         cursor.fail(
-            f"joint {short(name)} is already defined in line {lines[name]}; names must differ"
+            f"got the joint {short(name)} again after line {lines[name]}, allowed each name once"
         )
     if depth >= _DEEPEST:
         cursor.fail(
-            f"joint {short(name)} is nested too deeply; allowed are {_DEEPEST} joints, one inside"
-            " the other"
+            f"joint {short(name)} is nested too deeply, allowed {_DEEPEST} joints inside each other"
         )
     lines[name] = cursor.line
     cursor.part("{")
@@ -216,8 +212,8 @@ def _read_offset(cursor: _Cursor) -> np.ndarray:
     words = cursor.part("OFFSET")
     if len(words) != 3:
         cursor.fail(f"OFFSET: got {len(words)} numbers, allowed 3")
-    # Single precision is finer than any skeleton is measured, and postures that were fitted before
-    # stay the same to the last bit.
+    # Single precision is finer than any measurement, and keeps earlier postures the same to the
+    # last bit.
     return np.array([cursor.number(word, "OFFSET") for word in words], np.float32).astype(float)
 
 
@@ -225,41 +221,39 @@ def _read_channels(cursor: _Cursor) -> tuple[str, ...]:
     count, *names = cursor.part("CHANNELS") or ["no count"]
     if count != str(len(names)):
         cursor.fail(
-            f"CHANNELS: got {len(names)} channels, allowed as many as it states, {short(count)}"
+            f"CHANNELS: got {len(names)} channels, allowed the stated number, {short(count)}"
         )
     for name in names:
         if name not in CHANNELS:
-            cursor.fail(
-                f"channel {short(name)} is not supported; allowed are {', '.join(CHANNELS)}"
-            )
+            cursor.fail(f"got the channel {short(name)}, allowed {', '.join(CHANNELS)}")
     if len(set(names)) != len(names):
         cursor.fail("got a channel twice in one joint, allowed once")
     return tuple(names)
 
 
 def _read_motion(cursor: _Cursor) -> tuple[int, int, float]:
-    """Return how many rows are stated, in which line, and the frame time [s]."""
+    """Return the stated number of rows, the line that states it, and the frame time [s]."""
     words = cursor.next("the line MOTION: it holds a skeleton but no movement")
     if words != ["MOTION"]:
-        cursor.fail(f"the line MOTION must follow the skeleton, got {short(' '.join(words))}")
+        cursor.fail(f"got {short(' '.join(words))}, allowed the line MOTION after the skeleton")
     words = cursor.next("the line 'Frames:'")
     if words[0] != "Frames:" or len(words) != 2 or not re.fullmatch(r"[0-9]{1,18}", words[1]):
-        cursor.fail(f"expected 'Frames: <whole number>', got {short(' '.join(words))}")
+        cursor.fail(f"got {short(' '.join(words))}, allowed 'Frames: <whole number>'")
     stated, stated_line = int(words[1]), cursor.line
     words = cursor.next("the line 'Frame Time:'")
     if words[:2] != ["Frame", "Time:"] or len(words) != 3:
-        cursor.fail(f"expected 'Frame Time: <seconds>', got {short(' '.join(words))}")
+        cursor.fail(f"got {short(' '.join(words))}, allowed 'Frame Time: <seconds>'")
     frame_time = cursor.number(words[2], "the frame time")
     if not _SHORTEST_FRAME <= frame_time <= _LONGEST_FRAME:
         cursor.fail(
-            f"the frame time is {frame_time:g} s; allowed is at least {_SHORTEST_FRAME:g} and at"
-            f" most {_LONGEST_FRAME:g} s"
+            f"the frame time: got {frame_time:g} s, allowed {_SHORTEST_FRAME:g} to"
+            f" {_LONGEST_FRAME:g} s"
         )
     return stated, stated_line, frame_time
 
 
 def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iterator[np.ndarray]:
-    """Return the rows, block by block; say at the end if there are not as many as is stated."""
+    """Yield the rows, block by block; raise at the end if their number is not the stated one."""
     found, block = 0, []
     while (words := cursor.words()) is not None:
         found += 1
@@ -276,8 +270,8 @@ def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iter
             else "there is no movement in it"
         )
         raise RecordingError(
-            f"{cursor.path.name}, line {stated_line}: got {found} rows, allowed {stated}, as"
-            f" is stated; {what}"
+            f"{cursor.path.name}, line {stated_line}: got {found} rows, allowed {stated} as"
+            f" stated; {what}"
         )
     if block:
         yield np.array(block)
@@ -303,5 +297,5 @@ def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
 
 
 def _plain(text: str) -> bool:
-    """Return whether no number in it is one to Python alone, as 1_0 is."""
+    """Return whether a text has no numbers that only Python accepts, such as 1_0."""
     return text.isascii() and "_" not in text

@@ -18,21 +18,20 @@ _AXES = {"X": 0, "Y": 1, "Z": 2}
 def read_bvh(path: Path, progress: Progress = unseen) -> JointMotion:
     """Read a BVH file.
 
-    End sites are not joints: they say how long the last bone is drawn, not where something was
-    measured.
+    End sites are not joints: they state the drawn length of the last bone, not a measured point.
 
     Args:
         path: the file.
-        progress: told how much of the file is read.
+        progress: is called with the share of the file that is read.
 
     Returns:
         The centres of all joints of the file's skeleton.
 
     Raises:
-        RecordingError: the file is not a complete, finite BVH file.
+        RecordingError: if the file is not a complete, finite BVH file.
     """
     with opened(path, progress) as text:
-        # Single precision is finer than anybody measures, and an hour is half as much.
+        # Single precision is finer than any measurement and halves the memory.
         positions = np.empty((text.most, len(text.joints), 3), dtype=np.float32)
         count = 0
         for rows in text.blocks:
@@ -56,7 +55,7 @@ def _places(joints: Sequence[Joint], rows: np.ndarray) -> np.ndarray:
     """Return the centres of joints (n, m, 3) by forward kinematics [file unit]."""
     positions = np.empty((len(rows), len(joints), 3))
     column = 0
-    # Position and rotation of all that the next joint may hang from, the world first.
+    # Positions and rotations of the possible parents of the next joint, the world first.
     above = [
         (np.zeros((len(rows), 3)), np.broadcast_to(np.eye(3), (len(rows), 3, 3))),
     ]

@@ -36,7 +36,7 @@ _PARENT: Final[dict[str, str]] = {
         )
     },
 }
-"""Joint of the file -> the joint it hangs from; each turns with the body's frame of its name."""
+"""Joint of the file -> its parent; each rotates with the body's frame of the same name."""
 
 # The usual axes of the format: x to the left, y up, z forward.
 _TO_FILE: Final = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -60,7 +60,8 @@ def write_bvh(
         The path written.
 
     Raises:
-        InputError: a shape does not fit, a value is not finite, or the frame time is not positive.
+        InputError: if a shape does not fit, a value is not finite, or the frame time is not
+            positive.
     """
     postures, base_poses = np.asarray(postures, dtype=float), np.asarray(base_poses, dtype=float)
     frames = len(postures)
@@ -73,8 +74,8 @@ def write_bvh(
         np.isfinite(postures).all() and np.isfinite(base_poses).all() and 0 < frame_time < np.inf
     ):
         raise InputError(
-            "postures, base_poses and frame_time: got a value that is not finite or no period"
-            " above 0"
+            "postures, base_poses and frame_time: got a value that is not finite or a period that"
+            " is not positive, allowed finite values and a period above 0"
         )
     kinematics = Kinematics(body)
     turned = {"pelvis": np.broadcast_to(np.eye(3), (frames, 3, 3))}
@@ -95,9 +96,9 @@ def write_bvh(
 
 
 def _offsets(kinematics: Kinematics) -> dict[str, np.ndarray]:
-    """Return each joint's place in its parent at the zero posture, shape (3,) [m].
+    """Return each joint's position in its parent at the zero posture, shape (3,) [m].
 
-    The trunk turns at the pelvis.
+    The trunk rotates about the pelvis.
     """
     at = {
         name: np.array(kinematics.at(name, ca.DM.zeros(len(JOINTS)))[0]).ravel()
@@ -112,7 +113,7 @@ def _offsets(kinematics: Kinematics) -> dict[str, np.ndarray]:
 def _write_joint(
     name: str, lines: list[str], depth: int, offsets: dict[str, np.ndarray]
 ) -> Iterator[str]:
-    """Append a joint and what hangs from it; yield the names below it in channel order."""
+    """Append a joint and its descendants; yield the names of the descendants in channel order."""
     tab = "  " * depth
     offset = _TO_FILE @ offsets[name] * _UNITS_PER_METRE
     lines += [
@@ -146,7 +147,7 @@ def _angles(rotations: np.ndarray) -> np.ndarray:
     """
     r = _TO_FILE @ rotations @ _TO_FILE.T
     x = np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0))
-    # With x at a quarter turn, z and y turn about the same line: all of it is given to z.
+    # With x at a quarter turn, z and y rotate about the same line, and z gets the whole angle.
     upright = np.hypot(r[:, 0, 1], r[:, 1, 1]) > 1e-9
     z = np.where(upright, np.arctan2(-r[:, 0, 1], r[:, 1, 1]), np.arctan2(r[:, 1, 0], r[:, 0, 0]))
     y = np.where(upright, np.arctan2(-r[:, 2, 0], r[:, 2, 2]), 0.0)

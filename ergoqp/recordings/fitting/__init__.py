@@ -1,1 +1,1 @@
-"""From joint centres to postures."""
+"""Fit of a body's posture to joint centres."""

@@ -1,4 +1,4 @@
-"""From the file's unit and axes to metres with x forward, y left, z up.
+"""Conversion of the file's unit and axes to metres with x forward, y left, z up.
 
 What the file does not state is found from the body.
 """
@@ -22,10 +22,10 @@ UNITS: Final[dict[str, float]] = {
     "inch": 0.0254,
     "0.056444 m": 0.056444,
 }
-"""Units of length that recordings come in [m]; the last one is that of the CMU database."""
+"""Units of length that recordings use [m]; the last one is that of the CMU database."""
 
 LIKELY_STATURE: Final = (1.4, 2.1)
-"""The statures that tell which unit is meant [m]."""
+"""Range of an adult's stature, by which the unit is found [m]."""
 
 UPS: Final = ("x", "y", "z", "-x", "-y", "-z")
 """Vertical axes that a file may have."""
@@ -33,29 +33,29 @@ UPS: Final = ("x", "y", "z", "-x", "-y", "-z")
 _UPPER = (("head",), ("neck",), ("right_shoulder", "left_shoulder"))
 _MIDDLE = (("right_hip", "left_hip"), ("pelvis",))
 _LOWER = (("right_ankle", "left_ankle"), ("right_knee", "left_knee"), *_MIDDLE)
-# mean component of the unit vectors from the feet to the head and to the hips: 53 degrees from the
-# axis
+# Smallest mean component along the vertical axis of the unit vectors from the feet to the head and
+# to the hips; a single vector with this component is 53 degrees from the axis.
 _CLEARLY_UP = 0.6
 _IN_LINE: Final = np.cos(np.radians(10))
-"""Whose trunk is in line with the legs to so much stands upright."""
+"""Smallest cosine between trunk and legs of a person who stands upright."""
 _TILTED: Final = np.radians(12)
-"""People stand straight who stand: what leans more is the camera [rad]."""
+"""Smallest lean of people who stand upright that is taken for a tilt of the camera [rad]."""
 _FEW: Final = 5
-"""Frames of standing that are chance."""
+"""Fewer frames of standing upright than this do not count."""
 
 
 def find_unit(stature: float, where: str) -> float:
-    """Return the only unit that makes the stature that of an adult.
+    """Return the size of the only unit that gives the stature of an adult [m].
 
     Args:
-        stature: stature that the bones suggest [file unit].
+        stature: stature estimated from the bones [file unit].
         where: the file's name, for messages.
 
     Returns:
         The size of the unit [m].
 
     Raises:
-        RecordingError: no unit fits, or more than one.
+        RecordingError: if no unit fits, or more than one.
     """
     low, high = LIKELY_STATURE
     fitting = {name: size for name, size in UNITS.items() if low <= stature * size <= high}
@@ -66,7 +66,7 @@ def find_unit(stature: float, where: str) -> float:
             else f"none of {', '.join(UNITS)} gives"
         )
         raise RecordingError(
-            f"{where}: the unit of length is not known: the bones suggest a stature of"
+            f"{where}: the unit of length is unknown: the bones correspond to a stature of"
             f" {stature:.4g} file units, and {which} {low} to {high} m; state the unit (unit_to_m)"
         )
     return next(iter(fitting.values()))
@@ -75,20 +75,20 @@ def find_unit(stature: float, where: str) -> float:
 def find_up(centres: Mapping[str, np.ndarray]) -> str | None:
     """Return the file's vertical axis, one of `UPS`.
 
-    It is the one along which head and hips are above the feet. The head alone would not do for a
-    person who stoops all the time, nor the hips for one who squats.
+    It is the one along which head and hips are above the feet. The head alone would fail for a
+    person who stoops all the time, and the hips alone for a person who squats.
 
     Args:
         centres: centre -> positions (n, 3) in the file's axes.
 
     Returns:
-        The axis, or None when none clearly points from the feet to the head.
+        The axis, or None if none clearly points from the feet to the head.
     """
     feet = _middle(centres, _LOWER)
     rise = np.concatenate([_middle(centres, _UPPER) - feet, _middle(centres, _MIDDLE) - feet])
     length = np.linalg.norm(rise, axis=1, keepdims=True)
     direction = rise / np.where(length > 0, length, np.nan)
-    # Without legs the hips are the feet, and have no direction.
+    # Without legs the hips stand for the feet, and the vector to the hips has no direction.
     seen = np.isfinite(direction).all(axis=1)
     mean = direction[seen].mean(axis=0) if seen.any() else np.zeros(3)
     axis = int(np.argmax(np.abs(mean)))
@@ -100,23 +100,23 @@ def find_up(centres: Mapping[str, np.ndarray]) -> str | None:
 def axes_of(up: str) -> np.ndarray:
     """Return the rotation (3, 3) from the file's axes to ours.
 
-    A file with y up has x to the left and z forward for a person who faces along z, so its axes
-    turn into ours by moving on one place; the heading within the floor is the file's own.
+    In a file with y up, x is left and z is forward for a person who faces along z. A cyclic
+    permutation therefore turns its axes into ours. The heading on the floor stays the file's own.
 
     Args:
         up: the file's vertical axis, one of `UPS`.
     """
     place = "xyz".index(up[-1])
     turn = np.roll(np.eye(3), 2 - place, axis=0)
-    # Half a turn about the axis ahead puts what was below above.
+    # Half a turn about the forward axis exchanges up and down.
     return turn if up == up[-1] else np.diag([1.0, -1.0, -1.0]) @ turn
 
 
 def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the direction (3,) of bodies that stand upright, legs and trunk in line.
+    """Return the direction (3,) of bodies that stand upright, with legs and trunk in line.
 
-    One leg is enough, and the shoulders instead of the neck. None where nobody stands upright, or
-    too little is seen to tell.
+    One leg is enough, and the shoulders may replace the neck. None if nobody stands upright, or if
+    too little is seen.
 
     Args:
         places: centre -> positions (n, 3), any unit, along our axes.
@@ -140,7 +140,7 @@ def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def tilt_of(line: np.ndarray) -> np.ndarray | None:
-    """Return the rotation (3, 3) that makes a direction (3,) vertical; None if it nearly is."""
+    """Return the rotation (3, 3) that makes a direction (3,) vertical; None if it almost is."""
     if np.arccos(np.clip(line[2], -1, 1)) < _TILTED:
         return None
     across = np.cross(line, [0.0, 0.0, 1.0])
@@ -149,7 +149,7 @@ def tilt_of(line: np.ndarray) -> np.ndarray | None:
 
 
 def _centre(places: Mapping[str, np.ndarray], one: str, pair: str) -> np.ndarray | None:
-    """Return a centre, or the middle of a pair instead; None if neither is there."""
+    """Return a centre, or else the middle of a pair; None if neither exists."""
     sides = [places[f"{side}_{pair}"] for side in SIDES if f"{side}_{pair}" in places]
     if one in places:
         return places[one]
@@ -157,7 +157,7 @@ def _centre(places: Mapping[str, np.ndarray], one: str, pair: str) -> np.ndarray
 
 
 def _middle(centres: Mapping[str, np.ndarray], choices: tuple[tuple[str, ...], ...]) -> np.ndarray:
-    """Return the middle of the first group of which anything is there."""
-    # There is one: the namings refuse a recording without pelvis or upper trunk.
+    """Return the middle of the first group of which at least one centre exists."""
+    # There is such a group: recordings without pelvis or upper trunk have been refused before.
     group = next(group for group in choices if any(name in centres for name in group))
     return np.mean([centres[name] for name in group if name in centres], axis=0)

@@ -1,8 +1,9 @@
-"""Which of two triples of angles a shoulder has: both turn the arm alike.
+"""Choice between the two triples of shoulder angles that give the same arm.
 
-Flexion f, abduction a and rotation r place an arm exactly as f + 180, 180 - a and r + 180 degrees
-do. They meet where the arm points straight to the side. A movement keeps to one of them, and over
-a whole recording the ones are taken that change least from frame to frame (Viterbi's algorithm).
+Flexion f, abduction a and rotation r give the same arm as f + 180, 180 - a and r + 180 degrees. The
+two triples meet where the arm points straight to the side. A movement keeps to one of them. Over
+the whole recording the sequence with the least change from frame to frame is chosen (Viterbi's
+algorithm).
 """
 
 from __future__ import annotations
@@ -12,33 +13,33 @@ from typing import Final
 import numpy as np
 
 _TOLERANCE: Final = np.radians(20.0)
-"""What people can do beyond the ranges [rad]."""
+"""Excess over the ranges that is free of cost, because people can reach it [rad]."""
 _IMPLAUSIBLE: Final = 10.0
-"""How dear an angle beyond that is, in a second [1/s]."""
+"""Cost of an angle beyond that, per second [1/s]."""
 _LEAST: Final = 0.1
-"""A leap of the flexion counts at least so much, even where the flexion does not show."""
+"""Smallest weight of a change of the flexion, even where the flexion is not determined."""
 _OVER: Final = 0.6
-"""How dear it is to begin with an abduction above 90 degrees [rad]."""
+"""Cost of a start with an abduction above 90 degrees [rad]."""
 _GAP: Final = 0.5
-"""After so long a recording begins anew [s]."""
+"""Duration of a gap after which the sequence begins anew [s]."""
 
 
 def both_ways(
     angles: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return both triples of angles (n, 3) [rad], each angle as near to its range as turns can.
+    """Return both triples of angles (n, 3) [rad], shifted by whole turns towards their ranges.
 
     Args:
         angles: flexion, abduction within 90 degrees of zero, and rotation (n, 3) [rad].
-        lower: of the ranges (3,) [rad].
-        upper: of the ranges (3,) [rad].
+        lower: lower ends of the ranges (3,) [rad].
+        upper: upper ends of the ranges (3,) [rad].
     """
     other = np.pi + angles * np.array([1.0, -1.0, 1.0])
     return near(angles, lower, upper), near(other, lower, upper)
 
 
 def near(angles: np.ndarray, lower: np.ndarray | float, upper: np.ndarray | float) -> np.ndarray:
-    """Return angles turned by whole turns to where they are nearest to a range [rad]."""
+    """Return angles, shifted by whole turns to be nearest to the middle of a range [rad]."""
     middle = (lower + upper) / 2
     return middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi
 
@@ -51,15 +52,15 @@ def chosen(
     time: np.ndarray,
     begin: bool | None = None,
 ) -> np.ndarray:
-    """Return for each frame which of two triples of angles is taken (n,) bool: the second.
+    """Return the frames in which the second of two triples of angles is chosen (n,) bool.
 
     Args:
         pair: the triples (n, 3) [rad], see `both_ways`; NaN where the arm is not seen.
-        shows: how much flexion, abduction and rotation show (n, 3), 0 to 1.
-        lower: of the ranges (3,) [rad].
-        upper: of the ranges (3,) [rad].
-        time: when (n,) [s].
-        begin: whether the second is taken at first; None: that is not known.
+        shows: how well flexion, abduction and rotation are determined (n, 3), 0 to 1.
+        lower: lower ends of the ranges (3,) [rad].
+        upper: upper ends of the ranges (3,) [rad].
+        time: times of the frames (n,) [s].
+        begin: whether the second triple is chosen at first; None: unknown.
     """
     seen = np.flatnonzero(np.isfinite(pair[0][:, :2]).all(axis=1))
     if not len(seen):
@@ -69,7 +70,7 @@ def chosen(
     beyond = np.maximum(lower - both, both - upper).clip(0)
     since = np.diff(at, prepend=-np.inf)[:, None]
     here = _IMPLAUSIBLE * np.minimum(since, 0.1) * (beyond - _TOLERANCE).clip(0) * told
-    # Who comes from nowhere is thought to be within the ranges, and to lift the arm forward.
+    # After a gap, angles within the ranges and an arm that is lifted forward are preferred.
     anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
     cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
     if begin is not None:
@@ -81,13 +82,18 @@ def chosen(
         for after in (0, 1):
             way[before, after] = (weight * np.abs(both[after, 1:] - both[before, :-1])).sum(axis=1)
     way[:, :, since[1:, 0] > _GAP] = 0.0
-    # While an arm is not seen it keeps to the way before.
+    # While an arm is not seen, it keeps the triple of the last frame in which it was seen.
     before = np.searchsorted(seen, np.arange(len(time)), side="right") - 1
     return _least(cost, way)[np.maximum(before, 0)]
 
 
 def _least(here: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Return the cheapest sequence of two states (k,) bool, of being there and of the ways."""
+    """Return the sequence of two states with the least cost (k,) bool.
+
+    Args:
+        here: cost of each state in each frame (2, k).
+        way: cost of each change, from state to state (2, 2, k - 1).
+    """
     first, second = here[:, 0].tolist()
     came = []
     for (cost, beyond), (stay, leave, back, keep) in zip(

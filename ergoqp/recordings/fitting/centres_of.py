@@ -1,4 +1,4 @@
-"""Where the joint centres of a body are: one function for everybody, lengths are its inputs."""
+"""Joint centres of a body: one CasADi function for all bodies, with the lengths as inputs."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from ergoqp.recordings.naming import CENTRES
 _MEASURED: Final = tuple(
     centre for centre in CENTRES if not centre.endswith(("nose", "knuckles", "thumb"))
 )
-"""Centres with a place of their own; of the others only the direction is known."""
+"""Centres with an anatomical position; the others only define a direction."""
 _BLOCK: Final = 4096
 
 
 def placed(names: Iterable[str]) -> list[str]:
-    """Return those of some centres that have a place of their own."""
+    """Return those of some centres that have an anatomical position."""
     return [name for name in names if name in _MEASURED]
 
 
 def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the body's joint centres, those whose place in a segment is anatomical.
+    """Return the body's joint centres that have an anatomical position.
 
     Args:
         body: the person.
@@ -44,7 +44,7 @@ def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str
 
 
 def growth_of(body: Body) -> np.ndarray:
-    """Return by how much a body is larger than the nominal one (14,), in the order of `GROWTH`."""
+    """Return a body's growth over the nominal body (14,), in the order of `GROWTH`."""
     nominal = Body()
     whole = body.stature / nominal.stature
     growth = [whole - 1]
@@ -54,7 +54,7 @@ def growth_of(body: Body) -> np.ndarray:
 
 @cache
 def _function() -> ca.Function:
-    """Return pelvis and posture (36,), growth (14,) -> positions of `_MEASURED`, one by one."""
+    """Return a function: pelvis and posture (36,), growth (14,) -> positions of `_MEASURED`."""
     z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
     kinematics = Kinematics(Body(), growth)
     cos, sin = ca.cos(z[3]), ca.sin(z[3])

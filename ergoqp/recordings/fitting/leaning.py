@@ -1,8 +1,8 @@
-"""How far a skeleton's trunk and neck lean, and the centres of somebody who stands straight.
+"""Lean of a skeleton's trunk and neck, and the joint centres after it is removed.
 
 The line from the middle of the hips to the base of the neck is vertical in few skeletons of an
-upright person: the joints of a spine are not where its angles are zero. And necks lean forward in
-everyone; read as they are, an upright head would be scored as bent.
+upright person, because a skeleton's joints are not in line where the angles of the spine are zero.
+The neck leans forward in everyone. Without a correction, an upright head would be scored as bent.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ _LEGS: Final = ("pelvis", "hip", "knee", "ankle", "toe")
 
 
 def leans(places: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far the trunk leans forward, and the neck forward of the trunk, each (n,) [rad].
+    """Return the forward lean of the trunk, and of the neck to the trunk, each (n,) [rad].
 
-    NaN where the recording does not tell.
+    NaN where the recording does not determine it.
 
     Args:
         places: centre -> positions (n, 3), any unit, x forward, y left, z up.
@@ -47,15 +47,15 @@ def leans(places: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 def straightened(
     places: Mapping[str, np.ndarray], trunk: float, neck: float
 ) -> dict[str, np.ndarray]:
-    """Return the centres of somebody whose trunk and neck lean less.
+    """Return the centres after the trunk and the neck have been turned back.
 
-    The base of the neck is turned back about the hips, all above the hips goes along without being
-    turned, and the head is turned back about the base of the neck.
+    The base of the neck is rotated back about the hips. Everything above the hips is shifted by the
+    same vector, without a rotation. The head is rotated back about the base of the neck.
 
     Args:
         places: centre -> positions (n, 3) [m].
-        trunk: angle to take away from the trunk [rad].
-        neck: angle to take away from the neck [rad], as it is to the trunk before.
+        trunk: angle by which the trunk is turned back [rad].
+        neck: angle by which the neck is turned back [rad], relative to the original trunk.
     """
     left, shift = _left(places), shift_of(places, trunk)
     if left is None or shift is None or trunk == neck == 0.0:
@@ -67,23 +67,23 @@ def straightened(
     }
     for name in _HEAD:
         if name in found:
-            # What the trunk is turned back the neck leans more, and is turned back with it.
+            # Turning the trunk back makes the neck lean more by that angle: it is removed, too.
             arm = _turned(found[name] - found["neck"], left, -trunk - neck)
             found[name] = (found["neck"] + arm).astype(found[name].dtype)
     return found
 
 
 def shift_of(places: Mapping[str, np.ndarray], trunk: float) -> np.ndarray | None:
-    """Return by how much all above the hips goes along (n, 3) [m]; None if there is no trunk.
+    """Return the shift of everything above the hips (n, 3) [m]; None if there is no trunk.
 
     Args:
         places: centre -> positions (n, 3) [m].
-        trunk: angle to take away from the trunk [rad].
+        trunk: angle by which the trunk is turned back [rad].
     """
     hips, left = _hips(places), _left(places)
     if hips is None or left is None or "neck" not in places:
         return None
-    # Where a hip is not seen for a moment what is above goes on all the same.
+    # The shift is interpolated where a hip is not seen for a moment.
     level = _bridged(left) * [1.0, 1.0, 0.0]
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
     arm = places["neck"] - hips
@@ -91,14 +91,14 @@ def shift_of(places: Mapping[str, np.ndarray], trunk: float) -> np.ndarray | Non
 
 
 def _turned(vectors: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
-    """Return vectors (n, 3) turned about unit axes (n, 3); forward about the one to the left."""
+    """Return vectors (n, 3) rotated about unit axes (n, 3); about the left axis this is forward."""
     along = (axis * vectors).sum(axis=1, keepdims=True) * axis
     across = np.cross(axis, vectors)
     return along + np.cos(angle) * (vectors - along) + np.sin(angle) * across
 
 
 def _bridged(vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (n, 3) with straight lines over what is not seen."""
+    """Return vectors (n, 3), linearly interpolated where they are not seen."""
     seen = np.isfinite(vectors).all(axis=1)
     if seen.all() or not seen.any():
         return vectors
@@ -116,7 +116,7 @@ def _hips(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def _left(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the unit vectors from right to left (n, 3), of the hips or else the shoulders."""
+    """Return the unit vectors from right to left (n, 3), of the hips or else of the shoulders."""
     found = None
     for joint in ("hip", "shoulder"):
         if f"right_{joint}" in places and f"left_{joint}" in places:

@@ -1,7 +1,7 @@
-"""Gaps and leaps: what is between moments that are known, or that are wrong.
+"""Gaps and jumps: frames between those that are known, or between those that are wrong.
 
-Accelerations of people stay bounded: a bone that turns within a frame as no body can, and back, was
-somewhere else only in the recording.
+The accelerations of people are bounded. A bone that turns and turns back faster than a person can
+has moved in the recording only.
 """
 
 from __future__ import annotations
@@ -12,28 +12,27 @@ from typing import Final
 import numpy as np
 
 BRIDGED: Final = 0.2
-"""For how long a joint may be lost: what is between is taken for it [s]."""
+"""Longest gap of a lost joint that is interpolated [s]."""
 _LEAP: Final = 300.0
-"""A bone leaps whose turning changes by more within a frame [rad/s^2]; hammering, by 130."""
+"""Change of a bone's angular velocity above which it jumps [rad/s^2]; hammering reaches 130."""
 _MOVED: Final = 0.03
-"""And of which one end moves by more to the other [m]: short ones turn by noise."""
+"""Smallest relative movement of a jumping bone's ends [m], because noise turns short bones."""
 _TURNED: Final = np.radians(10.0)
-"""A leap is a turn by more [rad]."""
+"""Smallest angle of a jump [rad]."""
 _AT_ONCE: Final = 5
-"""Where more bones leap at once it is a cut or a keyframe, and no point that was lost."""
+"""If more bones than this jump at once, it is a cut or a keyframe, not an error."""
 
 
 def leaps(bones: Mapping[str, np.ndarray], time: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the steps between frames in which bones leap: bone -> (n - 1,) bool.
+    """Return the steps between frames in which bones jump: bone -> (n - 1,) bool.
 
     Args:
-        bones: from one end to the other (n, 3) [m], NaN where not seen.
-        time: when (n,) [s], increasing.
+        bones: bone -> vector from one end to the other (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s], increasing.
     """
     if not bones:
         return {}
-    # A frame that is the one before once more is no moment of its own: slower sensors are written
-    # down several times.
+    # Repeated frames are skipped: a slower sensor is recorded several times.
     new = moments(bones)
     found, since = {}, np.diff(time[new])
     for name, bone in bones.items():
@@ -50,7 +49,7 @@ def leaps(bones: Mapping[str, np.ndarray], time: np.ndarray) -> dict[str, np.nda
 
 
 def moments(paths: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which frames are not the one before once more (n,) bool.
+    """Return the frames that do not repeat the frame before (n,) bool.
 
     Args:
         paths: name -> positions (n, 3), NaN where not seen.
@@ -65,16 +64,16 @@ def moments(paths: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def between_leaps(leaping: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames between leaps, or between one and what is wrong (n,) bool.
+    """Return the frames between two jumps, or between a jump and a wrong frame (n,) bool.
 
-    Nothing tells on which side of a single leap the recording is wrong, if it is.
+    A single jump does not count: it does not show on which side the recording is wrong.
 
     Args:
-        leaping: steps between frames (n - 1,) bool.
-        wrong: frames (n,) bool.
-        time: when (n,) [s], increasing.
+        leaping: steps between frames in which a bone jumps (n - 1,) bool.
+        wrong: wrong frames (n,) bool.
+        time: times of the frames (n,) [s], increasing.
     """
-    # Frames and the steps between them, in turn.
+    # Frames and the steps between them alternate.
     marks, at = np.zeros(2 * len(time) - 1, dtype=bool), np.empty(2 * len(time) - 1)
     marks[::2], at[::2] = wrong, time
     marks[1::2], at[1::2] = leaping, (time[:-1] + time[1:]) / 2
@@ -82,7 +81,7 @@ def between_leaps(leaping: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> n
 
 
 def closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames, and those between two of them that are less than `BRIDGED` apart."""
+    """Return some frames, and all between two of them that are less than `BRIDGED` apart."""
     if not frames.any():
         return frames
     between, before, after = gaps(frames)
@@ -90,7 +89,7 @@ def closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def gaps(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which frames are between some (n,) bool, and the last before and next after them."""
+    """Return the frames between some given ones (n,) bool, and the last given before and after."""
     known = np.flatnonzero(frames)
     at = np.searchsorted(known, np.arange(len(frames)))
     between = (at > 0) & (at < len(known))

@@ -1,8 +1,8 @@
 """Angles of arms and legs from the directions of their bones, in closed form.
 
-A limb's first bone gives flexion and abduction of the joint that it hangs from, the next one the
-turn about it and the bend between them. Directions are given in the axes of the segment that the
-limb hangs from: x forward, y left, z up. A hanging limb points down.
+A limb's first bone gives flexion and abduction of the joint that it hangs from. The next bone gives
+the rotation about the first and the bend between both. Directions are given in the axes of the
+segment that the limb hangs from: x forward, y left, z up. A hanging limb points down.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ergoqp.recordings.fitting.branches import both_ways, chosen, near
 from ergoqp.recordings.fitting.steady import filled, steady
 
 Angles = dict[str, np.ndarray]
-"""Joint, without its side -> angles (n,) [rad], where told or not."""
+"""Joint, without its side -> angles (n,) [rad], or whether they are determined (n,) bool."""
 
 _TOE: Final = 0.01
-"""How much the foot says about the turn of a thigh, beside a knee bent by 90 degrees."""
+"""Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
 THUMB: Final = np.arctan2(0.02, 0.05)
-"""How far the thumb of `models/human.xml` is turned inward about the hand [rad]."""
+"""Angle by which the thumb of `models/human.xml` is turned inward about the hand [rad]."""
 
 
 def arm_angles(
@@ -34,9 +34,9 @@ def arm_angles(
     time: np.ndarray,
     begin: bool | None = None,
 ) -> tuple[Angles, Angles, np.ndarray]:
-    """Return the angles of an arm, which of them the recording tells, and which way it turns.
+    """Return the angles of an arm, which of them are determined, and which triple is chosen.
 
-    The latter two are (n,) bool, see `ergoqp.recordings.fitting.branches` for the last.
+    The latter two are (n,) bool; for the last see `ergoqp.recordings.fitting.branches`.
 
     Args:
         side: ``right`` or ``left``.
@@ -45,8 +45,8 @@ def arm_angles(
         forearm: from elbow to wrist (n, 3).
         hand: from wrist to knuckles (n, 3).
         thumb: from wrist to thumb (n, 3).
-        time: when (n,) [s].
-        begin: which way it turns at first; None: that is not known.
+        time: times of the frames (n,) [s].
+        begin: whether the second triple is chosen at first; None: unknown.
     """
     out, upper_arm = _out(side), _unit(upper_arm)
     forearm = _beyond(upper_arm, forearm)
@@ -61,11 +61,11 @@ def arm_angles(
     ways = both_ways(np.column_stack([held, turn]), lower, upper)
     second = chosen(ways, np.nan_to_num(shows), lower, upper, time, begin)
     flexion = np.where(second, ways[1][:, 0], ways[0][:, 0])
-    # Where the other way is taken, or an angle comes round a whole turn.
+    # The angle jumps where the other triple is chosen, or where it wraps by a whole turn.
     leaps = np.diff(second) | (np.abs(np.diff(flexion)) > 1.2 * np.pi)
     flexion = steady(flexion, shows[:, 0], time, leaps)
     flexion = np.clip(flexion, lower[0], upper[0])
-    # What the flexion lacks where it hardly shows, the others make up for.
+    # Abduction and rotation are recomputed for this flexion, so that the arm's direction is kept.
     along = np.sin(flexion) * forward - np.cos(flexion) * up
     abduction = near(np.arctan2(out * aside, along), lower[1], upper[1])
     held = np.stack([flexion, np.clip(filled(abduction, time), lower[1], upper[1])], axis=1)
@@ -104,7 +104,7 @@ def leg_angles(
     sole: np.ndarray,
     time: np.ndarray,
 ) -> tuple[Angles, Angles]:
-    """Return the angles of a leg, and which of them the recording tells (n,) bool.
+    """Return the angles of a leg, and which of them the recording determines (n,) bool.
 
     Args:
         side: ``right`` or ``left``.
@@ -113,7 +113,7 @@ def leg_angles(
         shank: from knee to ankle (n, 3).
         foot: from ankle to toe (n, 3).
         sole: from ankle to toe of the person's own foot, in its axes (3,).
-        time: when (n,) [s].
+        time: times of the frames (n,) [s].
     """
     out, thigh = _out(side), _unit(thigh)
     shank = _beyond(thigh, shank)
@@ -124,7 +124,7 @@ def leg_angles(
     flexion = steady(np.arctan2(forward, -up), np.hypot(forward, up), time)
     held = np.stack([flexion, filled(np.arcsin(np.clip(out * aside, -1, 1)), time)], axis=1)
     held = np.clip(held, lower[:2], upper[:2])
-    # The shank shows the turn of a bent leg, the foot that of a straight one.
+    # The shank determines the rotation of a bent leg, the foot that of a straight one.
     back, toes = _hanging(held, out).inv().apply(shank), _hanging(held, out).inv().apply(foot)
     ahead = -np.sin(bend)[:, None] * back[:, :2]
     ahead += np.nan_to_num(_TOE * np.maximum(np.cos(bend), 0)[:, None] * toes[:, :2])
@@ -168,7 +168,7 @@ def _wrist_angles(
     beside = _unit(thumb - (thumb * up).sum(axis=1, keepdims=True) * up)
     across = np.cross(up, beside)
     ahead = np.cos(THUMB) * beside + out * np.sin(THUMB) * across
-    # The axis of deviation is not moved by it: it is left of the hand.
+    # The hand's left axis is the axis of deviation, so deviation does not change it.
     left = np.cross(up, ahead)
     pronation = _inside(side, "forearm_pronation", out * np.arctan2(left[:, 0], left[:, 1]), time)
     turned = Rotation.from_euler("Z", -out * pronation[:, None]).inv().apply(hand)
@@ -189,18 +189,24 @@ def _wrist_angles(
 
 
 def _turn(bone: np.ndarray, held: np.ndarray, out: float) -> np.ndarray:
-    """Return how far a limb held so is turned inward, by the bone beyond its bend (n,) [rad]."""
+    """Return the inward rotation of a limb (n,) [rad], from the bone beyond its bend.
+
+    Args:
+        bone: direction of that bone (n, 3).
+        held: flexion and abduction of the limb (n, 2) [rad].
+        out: sign of the outside along y.
+    """
     beyond = _hanging(held, out).inv().apply(bone)
     return np.arctan2(-out * beyond[:, 1], beyond[:, 0])
 
 
 def _hanging(held: np.ndarray, out: float) -> Rotation:
-    """Return the axes of a limb of some flexion and abduction (n, 2) [rad]."""
+    """Return the axes of a limb with some flexion and abduction (n, 2) [rad]."""
     return Rotation.from_euler("YX", np.nan_to_num(held) * np.array([-1.0, out]))
 
 
 def _out(side: str) -> float:
-    """Return where along y the outside of a side is."""
+    """Return the sign of a side's outside along y."""
     return -1.0 if side == "right" else 1.0
 
 
@@ -211,18 +217,18 @@ def _range(side: str, *joints: str) -> np.ndarray:
 
 
 def _inside(side: str, joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return angles without gaps and within the range (n,) [rad]."""
+    """Return angles with gaps filled and clipped to the range (n,) [rad]."""
     lower, upper = _range(side, joint).ravel()
     return np.clip(filled(near(angles, lower, upper), time), lower, upper)
 
 
 def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the angle between unit vectors (n, 3), right up to its ends (n,) [rad]."""
+    """Return the angle between unit vectors (n, 3), exact also near 0 and pi (n,) [rad]."""
     return np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
 
 
 def _beyond(bone: np.ndarray, following: np.ndarray) -> np.ndarray:
-    """Return the directions of the next bone (n, 3); NaN where this one is not seen."""
+    """Return the directions of the next bone (n, 3); NaN where the first bone is not seen."""
     return np.where(np.isfinite(bone), _unit(following), np.nan)
 
 

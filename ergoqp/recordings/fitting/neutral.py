@@ -1,15 +1,21 @@
-"""Where a recording's trunk and neck are straight.
+"""Zero of trunk and neck: where in a recording the person stands straight.
 
-By one rule, the first of these that there is: what the user states; a T-pose at the begin or the
-end, which people take standing straight; a second or more in which the person walks with the hips
-over the feet, if the skeleton leans by more than walkers do; the skeleton's rest pose, where its
-naming is known to rest upright; that walk; a second in which the person stands with hanging arms,
-if the trunk leans backward there. Else the trunk is measured to the vertical and the neck to the
-trunk.
+The zero is taken from the first of these that exists:
 
-Joint centres cannot tell a skeleton that leans from a person who does it all the time. People who
-walk are taken to be upright, and nobody stands about bent backward; who pushes a cart all day with
-the hips over the feet is read as upright, and has to state `neutral`. Every correction is said.
+1. what the user states;
+2. a T-pose at the start or the end, because people stand straight in it;
+3. a second or more of walking with the hips above the feet, if the skeleton leans in it by more
+   than walkers do;
+4. the skeleton's rest pose, if its naming is known to rest upright;
+5. that walk, whatever its lean;
+6. a second of standing with hanging arms, if the trunk leans backward in it.
+
+If there is none, the trunk is measured to the vertical and the neck to the trunk.
+
+Joint centres cannot distinguish a skeleton that leans from a person who leans all the time. Walkers
+are assumed to be upright, and nobody is assumed to stand bent backward. Somebody who pushes a cart
+all day with the hips above the feet is read as upright; `neutral` has to be stated then. A sentence
+reports every correction.
 """
 
 from __future__ import annotations
@@ -26,34 +32,34 @@ from ergoqp.joints import SIDES
 from ergoqp.recordings.fitting.leaning import leans
 
 _LIKELY: Final = math.radians(35)
-"""A skeleton that leaned more would not be taken for a person's."""
+"""Largest lean of a person's skeleton that stands straight [rad]."""
 _WALKER: Final = math.radians(8)
-"""How far people lean who walk: so little is left as it is, beside a walk or a stand."""
+"""Largest lean of the trunk in a walk or stand that is not corrected: walkers lean so far [rad]."""
 _LITTLE: Final = math.radians(5)
-"""So little of the trunk's lean is left as it is: the sheet calls it upright."""
+"""Largest lean of the trunk that is not corrected otherwise: the sheet calls it upright [rad]."""
 _LONG: Final = 1.0
-"""For how long somebody has to walk or stand [s]."""
+"""Shortest duration of a walk or a stand [s]."""
 _STRIDE: Final = 0.5
-"""Of such pieces of time it is asked whether the person walks [s]."""
+"""Duration of a piece of the recording that is tested for walking [s]."""
 _PASSED: Final = 0.25
-"""By how much a foot of somebody who walks passes the other in that time [m]."""
+"""Smallest distance by which one foot passes the other in such a piece of a walk [m]."""
 _PIECES: Final = 5
-"""Means that are compared in it."""
+"""Number of means that are compared in such a piece."""
 _BEHIND: Final = -0.04
-"""Hips that are further behind the feet, on average over a walk, are those of a stoop [m]."""
+"""Hips further behind the feet than this, on average over a walk, belong to a stoop [m]."""
 _STRAIGHT: Final = math.radians(30)
 _POSED: Final = math.radians(20)
-"""How far the arms of a T-pose may be from straight to the sides [rad]."""
+"""Largest angle between the arms of a T-pose and straight to the sides [rad]."""
 
 
 @dataclass(frozen=True)
 class Neutral:
-    """How a skeleton leans in a person who stands straight.
+    """Lean of the skeleton of a person who stands straight.
 
     Attributes:
         trunk: forward lean of the trunk [rad].
-        neck: forward lean of the neck, to the trunk [rad].
-        sentence: how that is known.
+        neck: forward lean of the neck relative to the trunk [rad].
+        sentence: sentence that states where the lean was taken from.
     """
 
     trunk: float
@@ -64,12 +70,12 @@ class Neutral:
 def neutral_of(
     places: Mapping[str, np.ndarray], rest: Mapping[str, np.ndarray], time: np.ndarray
 ) -> Neutral:
-    """Return how a skeleton leans, by the rule of this module.
+    """Return the lean of a skeleton, by the rule of this module.
 
     Args:
         places: centre -> positions (n, 3) [m].
-        rest: centre -> position (3,) in a rest pose that is upright, else nothing.
-        time: when (n,) [s].
+        rest: centre -> position (3,) in an upright rest pose; empty if there is none.
+        time: times of the frames (n,) [s].
     """
     trunk, neck = leans(places)
     posed = calibration_poses(places)
@@ -95,12 +101,12 @@ def neutral_of(
 
 
 def stated_neutral(places: Mapping[str, np.ndarray], frames: np.ndarray, when: str) -> Neutral:
-    """Return how a skeleton leans in frames (n,) bool in which the person stands straight.
+    """Return the lean of a skeleton in frames in which the person stands straight.
 
     Args:
         places: centre -> positions (n, 3) [m].
-        frames: which.
-        when: they are, for messages: "at 2 s".
+        frames: those frames (n,) bool.
+        when: their time in words, for messages: "at 2 s".
 
     Raises:
         RecordingError: if trunk or hips are not seen in any of them.
@@ -118,7 +124,7 @@ def stated_neutral(places: Mapping[str, np.ndarray], frames: np.ndarray, when: s
 def calibration_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the frames of a T-pose with which a recording begins or ends (n,) bool.
 
-    In the middle of a recording it may be work.
+    A T-pose in the middle of a recording may be work and does not count.
     """
     posed = t_poses(places)
     other = np.flatnonzero(~posed)
@@ -127,9 +133,9 @@ def calibration_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the frames in which somebody stands with both arms straight to the sides (n,) bool.
+    """Return the frames in which the person stands with both arms straight to the sides (n,) bool.
 
-    Who is bent by more than a skeleton leans is at work.
+    A trunk that is bent by more than a skeleton leans is not a T-pose.
     """
     count = len(next(iter(places.values())))
     found = stands_straight(places) & (np.abs(leans(places)[0]) < _LIKELY)
@@ -146,7 +152,7 @@ def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> Neutral | None:
-    """Return what these leans say; None if they say nothing that can be."""
+    """Return the median of these leans as a `Neutral`; None if it is unknown or too large."""
     if not np.isfinite(trunk).any():
         return None
     lean = float(np.nanmedian(trunk))
@@ -154,7 +160,7 @@ def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> N
     if abs(lean) > _LIKELY or abs(nod) > 2 * _LIKELY:
         return None
     if abs(lean) <= least:
-        # The head is looked at by itself: as it is to the trunk that is left as it is.
+        # The trunk is not corrected then; the neck is, relative to that trunk.
         lean = 0.0
     said = f"The person is taken to be straight {when}"
     if max(abs(lean), abs(nod)) > math.radians(0.5):
@@ -166,7 +172,7 @@ def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> N
 
 
 def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where no knee that is there is bent much (n,) bool; nowhere, without a leg."""
+    """Return the frames in which no known knee is bent much (n,) bool; none without a leg."""
     stands: np.ndarray | None = None
     for side in SIDES:
         hip, knee, ankle = (places.get(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
@@ -177,7 +183,7 @@ def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _arms_hang(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where no upper arm is raised by more than 45 degrees from hanging (n,) bool."""
+    """Return the frames in which no upper arm is raised by more than 45 degrees (n,) bool."""
     hang = np.ones(len(next(iter(places.values()))), dtype=bool)
     for side in SIDES:
         shoulder, elbow = places.get(f"{side}_shoulder"), places.get(f"{side}_elbow")
@@ -188,7 +194,10 @@ def _arms_hang(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return where one foot passes the other, on a way or a treadmill (n,) bool."""
+    """Return the frames in which the person walks, also on a treadmill (n,) bool.
+
+    That is where one foot passes the other.
+    """
     walks = np.zeros(len(time), dtype=bool)
     if any(f"{side}_{name}" not in places for side in SIDES for name in ("hip", "ankle")):
         return walks
@@ -203,14 +212,14 @@ def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
         rows = first + np.flatnonzero(np.isfinite(passed[first:last]))
         if len(rows) < _PIECES:
             continue
-        # By means of some frames: what jumps about is no walk.
+        # Means over some frames are compared, so that jumping points do not count as a walk.
         means = [passed[each].mean() for each in np.array_split(rows, _PIECES)]
         walks[rows] = max(means) - min(means) > _PASSED
     return walks
 
 
 def _hips_ahead(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return how far the hips are ahead of the feet (n,) [m]; zero without both."""
+    """Return the distance of the hips ahead of the feet (n,) [m]; zero if either is missing."""
     names = [f"{side}_{name}" for name in ("hip", "ankle") for side in SIDES]
     if any(name not in places for name in names):
         return np.zeros(len(next(iter(places.values()))))
@@ -223,7 +232,7 @@ def _hips_ahead(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _duration(frames: np.ndarray, time: np.ndarray) -> float:
-    """Return for how long [s]."""
+    """Return the total duration of some frames (n,) bool [s]."""
     return float(frames.sum() * np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Whose body is fitted, where nobody says: what the recording itself says of the lengths."""
+"""Body of an unknown person: segment lengths and stature, measured in the recording."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ergoqp.human import FRACTIONS, Body
 from ergoqp.human.body import believable
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
-"""Segments that tell the stature: those that a person stands up with.
+"""Segments from which the stature is estimated: legs and trunk.
 
-Only without them do the arms tell it, which rigs often shorten.
+The arms are used only if those are missing, because character rigs often shorten the arms.
 """
 
 _BETWEEN: Final[dict[str, tuple[tuple[str, str], ...]]] = {
@@ -28,7 +28,7 @@ _BETWEEN: Final[dict[str, tuple[tuple[str, str], ...]]] = {
     "shank": (("right_knee", "right_ankle"), ("left_knee", "left_ankle")),
     "ankle_to_toe": (("right_ankle", "right_toe"), ("left_ankle", "left_toe")),
 }
-"""Lengths that are the distance of two centres, with both sides where there are two."""
+"""Segment -> the pairs of centres whose distance is its length, one pair per side."""
 
 
 def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -38,8 +38,8 @@ def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
         centres: centre -> positions (n, 3), any unit; NaN where not seen.
 
     Returns:
-        Segment of `FRACTIONS`, or ``ankle_to_toe`` -> length in the same unit, for those whose ends
-        were seen.
+        Segment of `FRACTIONS`, or ``ankle_to_toe`` -> length in the same unit, for the segments
+        whose ends were seen.
     """
     lengths = {}
     for segment, pairs in _BETWEEN.items():
@@ -65,11 +65,11 @@ def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def side_measured(segment: str, centres: Collection[str]) -> str | None:
-    """Return the side on which alone a segment is measured; None for both, or one in the middle.
+    """Return the only side on which a segment is measured; None for both, or a middle segment.
 
     Args:
-        segment: of `FRACTIONS`.
-        centres: those that the recording has.
+        segment: segment of `FRACTIONS`.
+        centres: centres of the recording.
     """
     pairs = _BETWEEN.get("ankle_to_toe" if segment == "foot_length" else segment, ())
     seen = [a for a, b in pairs if a in centres and b in centres]
@@ -77,12 +77,10 @@ def side_measured(segment: str, centres: Collection[str]) -> str | None:
 
 
 def suggested_stature(lengths: Mapping[str, float]) -> float | None:
-    """Return the stature that the long segments suggest, in the unit of the lengths.
+    """Return the stature estimated from the long segments, in the unit of the lengths.
 
-    It is None if none of them was measured.
-
-    Their sum counts, not each alone: it does not depend on where along the chain a skeleton puts
-    the joints between them.
+    It is None if none of them was measured. The sum of the segments is used and not each one,
+    because the sum does not depend on where a skeleton puts the joints between them.
     """
     for chain in _TELLING:
         if present := [segment for segment in chain if segment in lengths]:
@@ -93,17 +91,17 @@ def suggested_stature(lengths: Mapping[str, float]) -> float | None:
 
 
 def measured_person(lengths: Mapping[str, float], stature: float) -> tuple[Body, list[str]]:
-    """Return the body with the measured lengths that can be a person's.
+    """Return the body with the measured lengths that are within a person's range.
 
-    The segments left at average proportions are returned too.
+    The names of the segments that keep average proportions are returned too.
 
     Args:
-        lengths: segment -> length [m]; ``ankle_to_toe`` is taken as a foot length that puts the
-            body's toe joint there.
-        stature: what the long ones suggest [m].
+        lengths: segment -> length [m]; ``ankle_to_toe`` is converted to the foot length that puts
+            the body's toe joint there.
+        stature: stature estimated from the long segments [m].
 
     Raises:
-        InputError: the stature is not that of a person.
+        InputError: if the stature is not that of a person.
     """
     lengths = dict(lengths)
     if ankle_to_toe := lengths.pop("ankle_to_toe", None):
@@ -112,7 +110,7 @@ def measured_person(lengths: Mapping[str, float], stature: float) -> tuple[Body,
         lengths["foot_length"] = FRACTIONS["foot_length"] * stature * toe_forward / forward
     believed = {}
     for segment, length in lengths.items():
-        # Outside, the file's joint is not the anatomical one.
+        # With a length outside this range, the file's joint is not the anatomical one.
         low, high = believable(segment, stature)
         if low <= length <= high:
             believed[segment] = length

@@ -1,7 +1,8 @@
-"""The postures behind joint centres: every angle in closed form, from the bones that show it.
+"""Postures from joint centres: every angle in closed form, from the bones that determine it.
 
-A bone's direction is what a posture is scored by. So the angles are those of the recording's own
-bones, whatever their lengths, and where the fitted body's centres come to lie is the check on it.
+A posture is scored by the directions of its bones. The angles are therefore those of the
+recording's own bones, whatever their lengths. The distance between the recorded joint centres and
+those of the fitted body is the check.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from ergoqp.recordings.fitting.validity import Usual, not_followed, not_seen, us
 from ergoqp.recordings.naming import CENTRES
 
 _BLOCK: Final = 8192
-"""Frames at once: an hour is more than fits."""
+"""Frames that are fitted at once, because an hour does not fit into memory."""
 _AROUND: Final = 3.0
-"""What is this near in time is looked at with them [s]."""
+"""Duration before and after a block that is fitted with it [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +35,9 @@ class Fit:
     Attributes:
         pelvis: x, y, z [m] and yaw [rad] (n, 4).
         postures: joint angles within their ranges (n, 32) [rad].
-        observed: which joints the recording tells (n, 32).
+        observed: which joint angles the recording determines (n, 32).
         errors: centre -> distance of the body's from the recording's (n,) [m]; NaN: not seen.
-        not_scored: why frames are not to be scored -> those frames (n,) bool.
+        not_scored: cause -> the frames that are not scored because of it (n,) bool.
     """
 
     pelvis: np.ndarray
@@ -64,14 +65,14 @@ def fit(
 ) -> Fit:
     """Return the postures of a body whose joint centres are known.
 
-    An angle that is never told is zero; one that is not told for a while goes on between those
-    that are.
+    An angle that is never determined is zero. One that is not determined for a while is
+    interpolated.
 
     Args:
         body: the person.
         places: centre -> positions (n, 3) [m], NaN where not seen.
-        time: when (n,) [s], increasing.
-        progress: told the share of the frames that is done.
+        time: times of the frames (n,) [s], increasing.
+        progress: is called with the share of the frames that is done.
     """
     count, usual = len(time), usual_lengths(places)
     whole = Fit(
@@ -87,10 +88,10 @@ def fit(
         first = int(np.searchsorted(time, time[start] - _AROUND))
         last = int(np.searchsorted(time, time[stop - 1] + _AROUND, side="right"))
         near = {centre: path[first:last].astype(float) for centre, path in places.items()}
-        # Arms go on as they did where the blocks overlap.
+        # In the overlap of two blocks, an arm keeps the triple of angles that it had.
         begin = {}
         for side, ways in over.items():
-            # Of the frames that are known already, the first in which the arm is seen.
+            # It is that of the first frame already fitted in which the arm is seen.
             seen = whole.observed[first:start, INDEX[f"{side}_shoulder_flexion"]]
             if seen.any():
                 begin[side] = bool(ways[first + int(np.argmax(seen))])
@@ -119,7 +120,7 @@ def _fitted(
     begin: Mapping[str, bool],
     usual: Mapping[str, Usual],
 ) -> tuple[Fit, dict[str, np.ndarray]]:
-    """Return the fit of some frames, and which way the arms turn: side -> the second one (n,)."""
+    """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
     lost = np.full((len(time), 3), np.nan)
     place = {centre: places.get(centre, lost) for centre in CENTRES}
     spine = spine_of(place, time)

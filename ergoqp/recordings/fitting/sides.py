@@ -1,7 +1,8 @@
-"""Whether left and right are as a recording names them, by which way a body faces.
+"""Check that left and right are named correctly, by the direction in which a body faces.
 
-Left and right hip (or shoulder) tell where ahead is. If toes, nose, knees or hands say the
-opposite, the names are exchanged or an axis is mirrored, and every shoulder would be read wrong.
+The left and the right hip (or shoulder) define the forward direction. If toes, nose, knees or hands
+show the opposite, the names are exchanged or an axis is mirrored, and the angles of both shoulders
+would be wrong.
 """
 
 from __future__ import annotations
@@ -15,29 +16,29 @@ from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
 
 _FEW: Final = 5
-"""Frames that are chance."""
+"""Fewer frames than this are no evidence."""
 _CLEAR: Final = 0.8
-"""Evidence of which this share points one way is clear."""
+"""Share of frames that have to show the same direction."""
 _BENT: Final = np.cos(np.radians(25))
-"""A limb whose bones are in line to so much shows no way."""
+"""Cosine between the bones of a leg above which the knee shows no direction."""
 _REACHES: Final = 0.5
-"""Hands that are so far from the shoulders are in front [length of the trunk]."""
+"""Least distance of hands in front of or behind the shoulders that counts [length of the trunk]."""
 
 
 def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
-    """Raise for somebody who faces backward; return a sentence if nothing shows the way.
+    """Raise if the person faces backward; return a sentence if nothing shows the direction.
 
-    The first that is clear decides: toes, nose, bent knees, hands away from the trunk.
+    The first clear evidence decides: toes, nose, bent knees, hands away from the trunk.
 
     Args:
         where: the recording's name, for messages.
         places: centre -> positions (n, 3), any unit, along our axes.
 
     Returns:
-        What to assume, or an empty text.
+        A sentence that states the assumption, or an empty text.
 
     Raises:
-        RecordingError: left and right are exchanged, or an axis is mirrored.
+        RecordingError: if left and right are exchanged, or an axis is mirrored.
     """
     ahead = _ahead(places)
     if ahead is None:
@@ -50,23 +51,26 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
             return ""
         raise RecordingError(
             f"{where}: {what} backward: left and right are exchanged, or an axis is mirrored;"
-            " exchange their names (mapping) or turn the axis round"
+            " exchange the names (mapping) or reverse the axis"
         )
     return (
-        "Left and right are taken as they are named: no toe, nose, bent knee or reaching hand shows"
+        "Left and right are taken as named, because no toe, nose, bent knee or reaching hand shows"
         " which way the person faces."
     )
 
 
 def _ahead(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the horizontal direction ahead (n, 3), NaN while upside down; None if not known."""
+    """Return the horizontal forward direction (n, 3); None if it is unknown.
+
+    NaN while the trunk is not upright.
+    """
     pair = next((p for p in ("hip", "shoulder") if all(f"{s}_{p}" in places for s in SIDES)), None)
     trunk = _trunk(places)
     if pair is None or trunk is None:
         return None
     left = places[f"left_{pair}"] - places[f"right_{pair}"]
     ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1).astype(float)
-    # Head down, or level, nothing is known of left and right.
+    # A trunk that is level or upside down does not show left and right.
     ahead[~(trunk[:, 2] > 0.5 * np.linalg.norm(trunk, axis=1))] = np.nan
     return ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
 
@@ -86,7 +90,7 @@ def _middle(places: Mapping[str, np.ndarray], pair: str, one: str) -> np.ndarray
 def _evidence(
     places: Mapping[str, np.ndarray], ahead: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield what points a way, and how far ahead frame by frame; NaN where it shows nothing."""
+    """Yield each evidence in words, and how far it points forward in each frame; NaN: unknown."""
     yield "the feet point", np.concatenate([_toes(places, ahead, side) for side in SIDES])
     if "head" in places and "nose" in places:
         yield "the nose points", _along(ahead, places["nose"] - places["head"])
@@ -94,7 +98,7 @@ def _evidence(
     trunk = _trunk(places)
     if trunk is None:
         return
-    # Before the trunk, and not along the floor: so it does not count how the camera is tilted.
+    # Forward here is perpendicular to the trunk, not along the floor, so a tilt does not matter.
     size = np.linalg.norm(trunk, axis=1, keepdims=True)
     left = np.stack([-ahead[:, 1], ahead[:, 0], 0 * ahead[:, 0]], axis=1)
     before = np.cross(left, trunk / np.maximum(size, 1e-12))
@@ -106,7 +110,7 @@ def _toes(places: Mapping[str, np.ndarray], ahead: np.ndarray, side: str) -> np.
     knee, ankle, toe = (places.get(f"{side}_{name}") for name in ("knee", "ankle", "toe"))
     if knee is None or ankle is None or toe is None:
         return np.empty(0)
-    # Who kneels has the toes behind.
+    # A person who kneels has the toes behind.
     shank = knee - ankle
     stands = shank[:, 2] > 0.7 * np.linalg.norm(shank, axis=1)
     return np.where(stands, _along(ahead, toe - ankle), np.nan)

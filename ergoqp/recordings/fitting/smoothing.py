@@ -1,14 +1,14 @@
-"""Joint centres that tremble from frame to frame, smoothed as far as they tremble.
+"""Smoothing of joint centres that jitter from frame to frame, as far as they jitter.
 
-Depth cameras see a wrist that rests tremble by a centimetre or two: that is 5 degrees of a forearm,
-and in some frames half a band of the sheet. A recording that does not tremble is left as it is, to
-the last bit.
+In recordings by depth cameras, a wrist at rest jitters by a centimetre or two. That is 5 degrees of
+a forearm, and in some frames half a band of the sheet. A recording without jitter is left
+unchanged, to the last bit.
 
-How much a centre trembles is how far it is from the cubic through its four neighbours in time. What
-it did is then the likeliest path of a point whose acceleration is white noise: the spline that
-minimises squared distance over the tremble's variance plus squared acceleration over its density
+The jitter of a centre is its distance from the cubic through its four neighbours in time. The
+smoothed path is the likeliest path of a point whose acceleration is white noise: the spline that
+minimises squared distance over the jitter's variance plus squared acceleration over its density
 (Wahba, "Spline models for observational data", SIAM 1990, section 1.3), one pentadiagonal system.
-The density is that of the movement around: who hammers is smoothed less than who stands.
+The density is that of the movement around: hammering is smoothed less than standing.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from ergoqp.joints import spoken
 from ergoqp.recordings.fitting.leaps import moments
 
 _TREMBLES: Final = 0.004
-"""What trembles less is left as it is [m]: a degree of a forearm."""
+"""Largest jitter that is not smoothed [m]: a degree of a forearm."""
 _LIVELY: Final = 1.0
 """Least density of people's acceleration [m^2/s^3]: 10 mm at 60 Hz are smoothed above 4.5 Hz."""
 _BEND: Final = 0.1
-"""Over which time it is looked at how much they bend their way [s]."""
+"""Time to either side over which the bend of a path is measured [s]."""
 _WHILE: Final = 0.5
-"""For how long who hammers does [s]."""
+"""Time to either side over which the density of acceleration is averaged [s]."""
 _QUICK: Final = 0.02
-"""Where frames are further apart [s], what moves quickly seems to tremble: no centre trembles more
-than `_ALIKE` times as much as the others do."""
+"""Frame time above which quick movement looks like jitter [s]: no centre's jitter is then taken as
+more than `_ALIKE` times the median of all."""
 _ALIKE: Final = 1.5
 _GAP: Final = 0.2
-"""Over what is lost for longer nothing is smoothed [s]."""
+"""Longest gap across which a path is smoothed [s]."""
 _FASTEST: Final = 12.0
-"""Nor over leaps that are faster [m/s]."""
+"""Largest speed of a jump across which a path is smoothed [m/s]."""
 _FEW: Final = 50
-"""Frames that do not tell how much a centre trembles."""
+"""Number of frames from which the jitter of a centre can be measured."""
 _BLOCK: Final = 20_000
-"""Frames that are looked at at once: more would be much memory."""
+"""Frames that are evaluated at once, to save memory."""
 
 
 def smoothed(
     places: Mapping[str, np.ndarray], time: np.ndarray
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the centres without what they tremble, and what was done, a sentence or none.
+    """Return the smoothed centres, and a sentence about it, or none if nothing was smoothed.
 
     Args:
         places: centre -> positions (n, 3) [m], NaN where not seen.
-        time: when (n,) [s], increasing.
+        time: times of the frames (n,) [s], increasing.
     """
     found, trembling, new = dict(places), {}, moments(places)
     if new.sum() < _FEW:
@@ -66,7 +66,7 @@ def smoothed(
     if np.median(np.diff(time[new])) > _QUICK:
         most = _ALIKE * float(np.median(list(trembles.values())))
         trembles = {centre: min(tremble, most) for centre, tremble in trembles.items()}
-    # Of the moments, the one that a frame shows.
+    # A repeated frame shows the position of the last new one.
     shown = np.cumsum(new) - 1
     for centre, tremble in trembles.items():
         if tremble > _TREMBLES:
@@ -80,18 +80,18 @@ def smoothed(
     step = float(np.median(np.diff(time[new])))
     passes = (_LIVELY / (trembling[worst] ** 2 * step)) ** 0.25 / (2 * math.pi)
     return found, [
-        f"{len(trembling)} of {len(places)} joint centres tremble from frame to frame, most of all"
-        f" the {spoken(worst)}, by {1000 * trembling[worst]:.0f} mm: they are smoothed, its"
-        f" movements below {passes:.1f} Hz are kept."
+        f"{len(trembling)} of {len(places)} joint centres jitter from frame to frame, most of all"
+        f" the {spoken(worst)}, by {1000 * trembling[worst]:.0f} mm: they are smoothed, and"
+        f" movements of that centre below {passes:.1f} Hz are kept."
     ]
 
 
 def tremble_of(path: np.ndarray, time: np.ndarray) -> float:
-    """Return how much a coordinate trembles, as standard deviation [m]; zero where few are seen.
+    """Return the standard deviation of a coordinate's jitter [m]; zero for too few frames.
 
     Args:
         path: positions (n, 3) [m].
-        time: when (n,) [s], increasing.
+        time: times of the frames (n,) [s], increasing.
     """
     if len(time) < _FEW:
         return 0.0
@@ -101,11 +101,11 @@ def tremble_of(path: np.ndarray, time: np.ndarray) -> float:
 
 
 def _off(path: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return how far positions are from what their neighbours say (n - 4, 3) [m].
+    """Return the distance of positions from the cubic through their neighbours (n - 4, 3) [m].
 
-    In units of what an independent tremble of all five would do.
+    It is scaled so that independent jitter of all five has its own standard deviation.
     """
-    # Lagrange's weights of the four neighbours, at the time in the middle.
+    # Lagrange weights of the four neighbours, at the time in the middle.
     around = np.stack([time[:-4], time[1:-3], time[3:-1], time[4:]])
     middle = time[2:-2]
     weights = np.ones_like(around)
@@ -119,7 +119,7 @@ def _off(path: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _spline(path: np.ndarray, time: np.ndarray, tremble: float) -> np.ndarray:
-    """Return the likeliest positions (n, 3) [m] behind positions that tremble."""
+    """Return the likeliest positions (n, 3) [m] for measured positions that jitter."""
     since = np.diff(time)
     moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
     linked = (since < _GAP) & (moved < np.maximum(_FASTEST * since, 8 * tremble))
@@ -138,10 +138,10 @@ def _spline(path: np.ndarray, time: np.ndarray, tremble: float) -> np.ndarray:
 
 
 def _density(path: np.ndarray, time: np.ndarray, linked: np.ndarray, tremble: float) -> np.ndarray:
-    """Return the density of acceleration around (n,) [m^2/s^3].
+    """Return the density of the acceleration around each frame (n,) [m^2/s^3].
 
-    A way whose acceleration is white noise of density q bends within h to either side by
-    2 / 3 q h^3 (variance), and trembling adds 6 of its own.
+    If the acceleration is white noise of density q, the second difference of the path over h to
+    either side has the variance 2 / 3 q h^3. Jitter adds 6 times its own variance.
     """
     step = float(np.median(np.diff(time)))
     lag, around = max(1, round(_BEND / step)), max(1, round(_WHILE / step))

@@ -1,8 +1,8 @@
-"""Where the pelvis is, and the angles of trunk and neck, in closed form.
+"""Pose of the pelvis, and angles of trunk and neck, in closed form.
 
-The pelvis is upright by definition and heads where the hips do. The trunk is the line from the
-middle of the hips to the base of the neck, turned as the shoulders are; the neck is the line from
-there to the top of the head, or its base, turned as the nose is.
+The pelvis is upright by definition and has the heading of the hips. The trunk is the line from the
+middle of the hips to the base of the neck, with the twist of the shoulders. The neck is the line
+from there to the top of the head, or its base, with the twist of the nose.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.recordings.fitting.steady import filled
 
 _PAIRS: Final = ("hip", "shoulder", "knee", "elbow", "ankle", "wrist")
-"""Pairs that tell where the body heads, the best first."""
+"""Pairs of centres that define the heading of the body, the best first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Spine:
     Attributes:
         pelvis: x, y, z [m] and yaw [rad] of the pelvis (n, 4).
         angles: joint -> angles within the range (n,) [rad].
-        told: joint -> whether the recording tells it (n,) bool.
+        told: joint -> whether the recording determines it (n,) bool.
         upright: axes of the pelvis.
         trunk: axes of the trunk.
     """
@@ -44,8 +44,8 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     """Return pelvis, trunk and neck.
 
     Args:
-        place: centre -> positions (n, 3) [m], NaN where not seen; all centres are there.
-        time: when (n,) [s].
+        place: every centre -> positions (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s].
     """
     hips = _first((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
     shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
@@ -60,7 +60,7 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
         place["left_shoulder"] - place["right_shoulder"],
         time,
     )
-    # The nose says where left is: a quarter turn from where it points.
+    # The nose defines left: perpendicular to where it points.
     head = _first(place["head_top"], place["head"])
     ahead = place["nose"] - _first(place["head"], neck)
     left = np.cross(head - neck, ahead)
@@ -71,7 +71,7 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
 def _segment(
     name: str, below: Rotation, along: np.ndarray, left: np.ndarray, time: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Rotation]:
-    """Return flexion, side bend and twist of a segment, whether told, and its axes."""
+    """Return flexion, side bend and twist of a segment, which are determined, and its axes."""
     x, y, z = below.inv().apply(along).T
     length = np.sqrt(x**2 + y**2 + z**2)
     bend = np.arcsin(np.clip(y / np.where(length > 0, length, np.nan), -1, 1))
@@ -90,7 +90,7 @@ def _segment(
 
 
 def _heading(place: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where the body heads (n,) [rad], by the best pair of sides; NaN without one."""
+    """Return the heading of the body (n,) [rad], from the best pair that is seen; NaN: none."""
     yaw = np.full(len(place["neck"]), np.nan)
     for pair in _PAIRS:
         left = place[f"left_{pair}"] - place[f"right_{pair}"]
@@ -99,7 +99,7 @@ def _heading(place: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _unwrapped(yaw: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return angles (n,) without leaps of whole turns, and without gaps [rad]."""
+    """Return angles (n,) [rad], unwrapped and with gaps filled."""
     seen = np.isfinite(yaw)
     whole = np.full(len(yaw), np.nan)
     whole[seen] = np.unwrap(yaw[seen])
@@ -111,5 +111,5 @@ def _inside(joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _first(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the one, and the other where it is not seen (n, 3)."""
+    """Return the first positions, and the others where the first are not seen (n, 3)."""
     return np.where(np.isfinite(one).all(axis=1, keepdims=True), one, other)

@@ -1,8 +1,9 @@
-"""Angles that do not show at every moment: held together over time by those moments that tell.
+"""Interpolation of angles that are not determined at every moment.
 
-The turn of an upper arm about itself shows in a bent elbow only, its flexion not while it points
-straight to the side. What is measured then is noise. So such an angle is taken for a random walk,
-measured with an accuracy that changes: its mean given all measurements is a tridiagonal system.
+The rotation of an upper arm is determined only while the elbow is bent, and its flexion is not
+determined while the arm points straight to the side. The measured value is then noise. Such an
+angle is modelled as a random walk that is measured with a varying accuracy. Its mean given all
+measurements is the solution of a tridiagonal system.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 _NOISE: Final = np.radians(1.0) ** 2
-"""Variance of an angle that shows at the rate of sin 45 deg [rad^2]."""
+"""Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""
 _SURE: Final = 1e-6
-"""Share of that variance which an angle keeps that shows fully: it is taken as it is."""
+"""Share of that variance that a fully determined angle has: it is practically kept as measured."""
 _WANDER: Final = 1.0
-"""By how much the variance of an angle grows in a second [rad^2/s]."""
+"""Growth of an angle's variance per second [rad^2/s]."""
 _USUAL: Final = 1.0
-"""Variance of an angle about zero, of which nothing is known [rad^2]."""
+"""Variance about zero of an angle of which nothing is known [rad^2]."""
 _FORGOTTEN: Final = 10.0
-"""After how long nothing is known of an angle that was [s]."""
+"""Time after which nothing is known of an earlier angle [s]."""
 
 
 def steady(
@@ -30,10 +31,10 @@ def steady(
     """Return the likeliest angles (n,) [rad].
 
     Args:
-        measured: angles (n,) [rad], without leaps of a whole turn; NaN where there is none.
-        shows: how much a small change of the angle turns what is measured (n,), 0 to 1.
-        time: when (n,) [s], increasing.
-        leaps: between which frames the angle leaps (n - 1,) bool; None: nowhere.
+        measured: angles (n,) [rad], unwrapped; NaN where there is none.
+        shows: how much a small change of the angle turns the measured bone (n,), 0 to 1.
+        time: times of the frames (n,) [s], increasing.
+        leaps: steps between frames in which the angle may jump (n - 1,) bool; None: nowhere.
     """
     seen = np.isfinite(measured) & (shows > 0)
     weight = np.where(seen, shows**2 / np.maximum(1 - shows**2, _SURE), 0.0)
@@ -55,7 +56,7 @@ def steady(
 
 
 def filled(measured: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return angles (n,) [rad] as measured and, where there is none (NaN), `steady` ones."""
+    """Return angles (n,) [rad] as measured, with those of `steady` where there is none (NaN)."""
     seen = np.isfinite(measured)
     if seen.all():
         return measured

@@ -1,8 +1,8 @@
-"""Which frames of a recording are not to be scored, and why.
+"""Frames of a recording that are not scored, and the causes.
 
-A posture that the recording does not show is no posture: a bone that the body cannot follow within
-its joints' ranges, a bone that is suddenly longer, a body that is nowhere near, a joint that was
-lost. Such frames are not scored, counted, and named.
+A frame is not scored if the recording does not show a posture in it: a bone that the body cannot
+follow within its joints' ranges, a bone that is suddenly longer or shorter, a body that is far from
+the recording, or a joint that is lost. Such frames are counted, with their causes.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from ergoqp.recordings.fitting.leaps import (
 )
 
 _OFF: Final = np.radians(10.0)
-"""By how much a bone of the body may point elsewhere [rad]: half a band of the sheet."""
+"""Largest angle between a bone of the body and the recorded one [rad]: half a band of the sheet."""
 _RIGID: Final = 0.001
-"""A skeleton's bones vary by less than this share of their length."""
+"""Variation of a rigid skeleton's bones is below this share of their length."""
 _LEAST: Final = 0.02
-"""By what share those may be longer or shorter: aside, that is 12 degrees."""
+"""Share by which such a bone may be longer or shorter; with a sideways error it is 12 degrees."""
 _USUALLY: Final = 6.0
-"""By how many times their usual deviation others may be."""
+"""Factor on its usual variation by which another bone may be longer or shorter."""
 _MOST: Final = 0.3
-"""By what share no bone may be."""
+"""Largest share by which any bone may be longer or shorter."""
 _POOR: Final = 0.10
-"""How far the body may be from the recording, RMS over the centres [m]."""
+"""Largest distance between body and recording, RMS over the centres [m]."""
 _ASTRAY: Final = 0.20
-"""How far one joint centre of the body may be [m]."""
+"""Largest distance of one joint centre of the body from the recorded one [m]."""
 _MEANWHILE: Final = np.radians(12.0)
-"""By how much it may turn meanwhile [rad]."""
+"""Largest turn of a segment during a gap that is interpolated [rad]."""
 
 _DIRECTIONS: Final = (
     ("trunk", "hips", "neck"),
@@ -51,12 +51,12 @@ _BENDS: Final = tuple(
     for side in SIDES
     for start, joint, end in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 )
-"""Joints of which the angle between two bones is scored."""
+"""Joints whose angle between two bones is scored."""
 _CENTRES: Final = (
     "neck",
     *(f"{side}_{name}" for side in SIDES for name in ("shoulder", "elbow", "wrist", "hip", "knee")),
 )
-"""Centres that nothing scored can be without."""
+"""Centres on which a scored angle depends."""
 NEEDED: Final = (
     ("trunk", "trunk_flexion", "trunk_side_bend"),
     ("neck", "neck_flexion", "neck_side_bend"),
@@ -70,16 +70,19 @@ NEEDED: Final = (
         )
     ),
 )
-"""What a score stands on, if the recording tells it at all, and the joints; told is the first."""
+"""Segments that a score needs if the recording ever determines them, and their joints.
+
+The first joint tells whether the segment is determined.
+"""
 
 
 @dataclass(frozen=True)
 class Usual:
-    """How long a bone usually is.
+    """Usual length of a bone.
 
     Attributes:
-        length: its median [m].
-        leeway: by how much it may be longer or shorter [m].
+        length: median of its length [m].
+        leeway: how much longer or shorter it may be [m].
     """
 
     length: float
@@ -87,10 +90,10 @@ class Usual:
 
 
 def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
-    """Return how long the bones are that tell of what is scored; only those that are seen.
+    """Return the usual lengths of the bones that determine the score, if they are seen.
 
-    A bone of a skeleton is rigid, one between measured points varies. So a bone may vary as many
-    times more than it usually does as makes it another posture.
+    A bone of a skeleton is rigid, and one between measured points varies. The leeway is therefore a
+    multiple of the bone's usual variation.
 
     Args:
         places: centre -> positions (n, 3) [m], NaN where not seen.
@@ -114,14 +117,14 @@ def not_followed(
     usual: Mapping[str, Usual],
     time: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return where the body does not follow the recording: cause -> those frames (n,) bool.
+    """Return the frames in which the body does not follow the recording: cause -> (n,) bool.
 
     Args:
         places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
-        fitted: the same of the body.
+        fitted: centre -> positions of the body (n, 3) [m].
         error: RMS distance of the centres (n,) [m].
         usual: lengths of the bones, see `usual_lengths`.
-        time: when (n,) [s].
+        time: times of the frames (n,) [s].
     """
     causes = {}
     places, fitted = _with_middles(places), _with_middles(fitted)
@@ -141,10 +144,10 @@ def not_followed(
     leaping = leaps(bones, time)
     for name, bone in bones.items():
         off = np.abs(np.linalg.norm(bone, axis=1) - usual[name].length)
-        # Where it passes through its length on a way that is wrong before and after, too.
+        # Between two wrong frames, a frame in which the length happens to be right is wrong, too.
         stretched = closed(off > usual[name].leeway, time)
-        causes[f"{name} of another length"] = stretched
-        causes[f"{name} leaps"] = between_leaps(leaping[name], stretched, time) & ~stretched
+        causes[f"{name} of unusual length"] = stretched
+        causes[f"{name} jumps"] = between_leaps(leaping[name], stretched, time) & ~stretched
     causes["body far from the recording"] = error > _POOR
     for centre in _CENTRES:
         if centre in places:
@@ -154,12 +157,12 @@ def not_followed(
 
 
 def not_seen(observed: np.ndarray, postures: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-    """Return where what a score stands on is not seen: cause -> those frames (n,) bool.
+    """Return the frames in which a segment that a score needs is not seen: cause -> (n,) bool.
 
     Args:
-        observed: which joints are told (n, 32) bool.
-        postures: their angles (n, 32) [rad].
-        time: when (n,) [s].
+        observed: which joint angles are determined (n, 32) bool.
+        postures: joint angles (n, 32) [rad].
+        time: times of the frames (n,) [s].
     """
     causes = {}
     for name, *joints in NEEDED:
@@ -176,9 +179,10 @@ def not_seen(observed: np.ndarray, postures: np.ndarray, time: np.ndarray) -> di
 
 
 def _bones() -> Iterator[tuple[str, str, str, float]]:
-    """Return names and ends of bones, and by what share they may vary if they are not rigid.
+    """Yield name and ends of each bone, and its least leeway as a share if it is not rigid.
 
-    A trunk that bends is shorter, and a shoulder that is raised is nearer to the neck.
+    The leeway of the trunk is larger because a bent trunk is shorter, and that of the shoulders
+    because a raised shoulder is nearer to the neck.
     """
     yield "trunk", "hips", "neck", _MOST
     yield "neck", "neck", "skull", _MOST
@@ -193,7 +197,7 @@ def _bones() -> Iterator[tuple[str, str, str, float]]:
 
 
 def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames of gaps that cannot be bridged, and of those at an end (n,) bool."""
+    """Return the frames of gaps that are not interpolated, or are at an end (n,) bool."""
     between, before, after = gaps(told)
     long = time[after] - time[before] > BRIDGED
     turned = (np.abs(angles[after] - angles[before]) > _MEANWHILE).any(axis=1)
@@ -201,7 +205,7 @@ def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the places with the middle of the hips and the upper end of the head's bone."""
+    """Return the positions with the middle of the hips and the upper end of the head's bone."""
     found = dict(places)
     if "right_hip" in places and "left_hip" in places:
         found["hips"] = (places["right_hip"] + places["left_hip"]) / 2

@@ -1,1 +1,1 @@
-"""What motion-capture files are read, each by a reader of its own."""
+"""The formats of motion-capture files, with one reader for each."""

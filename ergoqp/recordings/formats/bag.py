@@ -1,7 +1,7 @@
 """ROS bags: bodies, coordinate frames, poses and joint angles that ROS nodes published.
 
 ROS 1 writes a file (.bag), ROS 2 a folder with metadata.yaml and its files (.db3 or .mcap). Most
-bags define their messages themselves; those of ROS 2 before Iron do not.
+bags contain the definitions of their messages; those of ROS 2 before Iron do not.
 """
 
 from __future__ import annotations
@@ -24,36 +24,37 @@ from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.motion import JointMotion
 
 _LONGEST: Final = 1_000_000
-"""Markers or points that one message may have; more would be made of a few broken bytes."""
+"""Largest number of markers or points in one message; a few broken bytes could state more."""
 _EMPTY: Final = 12
-"""Bytes of a message that holds an empty list."""
+"""Number of bytes of a message with an empty list."""
 _NAMED: Final = 8
-"""Topics that a message names."""
+"""Number of topics that an error names."""
 _EVERY: Final = 100
 """Messages between two calls of the progress."""
 
 
 def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
-    """Return who is shown in a bag, the poses of objects, and joint angles.
+    """Return the person, the poses of objects and the joint angles in a bag.
 
-    A person is what markers of body tracking or moving coordinate frames show. Poses and angles
-    are sampled at the person's frames, or at those of the busiest topic if nobody is shown: each
-    is the last one that was told, NaN where there is none or it is older than half a second. A
-    message of joints does not say which of them slide: their "angles" are in metres.
+    A person is shown by markers of body tracking or by moving coordinate frames. Poses and angles
+    are sampled at the person's frames, or at those of the busiest topic if there is no person. Each
+    sample is the last message before the frame, and NaN if there is none or it is older than half a
+    second. A message of joints does not state which joints are prismatic: their "angles" are in
+    metres.
 
     Args:
         path: the file or folder.
-        progress: told how much of it is read.
-        asked: unused, messages have times.
+        progress: is called with the share that is read.
+        asked: unused, because messages have times.
 
     Raises:
-        RecordingError: it is no whole bag, or nothing in it is of a person or objects.
-        MissingExtraError: rosbags is not installed.
+        RecordingError: if it is not a complete bag, or shows no person.
+        MissingExtraError: if rosbags is not installed.
     """
     topics = Topics(path.name)
     with ExitStack() as stack:
         reader, notes = _opened(path, stack)
-        with faults(path):  # SQLite and YAML may have anything where text or a number belongs
+        with faults(path):  # SQLite and YAML may hold any type in place of a text or a number
             connections = [each for each in reader.connections if each.msgtype in TYPES]
             found = {str(each.topic): _spoken(str(each.msgtype)) for each in reader.connections}
             stated = sum(int(each.msgcount) for each in connections)
@@ -79,7 +80,7 @@ def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     if person is None and not tell_person(angles):
         joints = f" and the joints {some([plain(name) for name in angles])}" if angles else ""
         raise RecordingError(
-            f"{path.name}: got the topics {_listed(found)}{joints}, which show nobody, allowed a"
+            f"{path.name}: got the topics {_listed(found)}{joints}, which show no person, allowed a"
             " person's joints: MarkerArray, tf, or JointState with all of ergoqp.JOINTS or with the"
             " coordinates of an OpenSim model from its pelvis or thorax on"
         )
@@ -98,14 +99,14 @@ def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 
 def _opened(path: Path, stack: ExitStack) -> tuple[Any, list[str]]:
-    """Return rosbags' reader of a bag, which the stack closes, and sentences."""
+    """Return the rosbags reader of a bag, which the stack closes, and sentences."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise MissingExtraError("reading ROS bags", "bags", "rosbags") from None
     sources = sources_of(path, stack)
-    # Markers got further fields in Humble.
+    # In Humble, markers got further fields.
     for store in (Stores.LATEST, Stores.ROS2_FOXY):
         with faults(path), ExitStack() as trial:
             reader = trial.enter_context(AnyReader(sources, default_typestore=get_typestore(store)))
@@ -116,15 +117,17 @@ def _opened(path: Path, stack: ExitStack) -> tuple[Any, list[str]]:
                 break
     used = [each for each in undefined if each.msgtype in TYPES]
     name = "Foxy" if store is Stores.ROS2_FOXY else "Humble and later"
-    return reader, [f"The bag defines no messages: those of ROS 2 {name} are taken."] * bool(used)
+    return reader, [
+        f"The bag does not define its messages: those of ROS 2 {name} are used."
+    ] * bool(used)
 
 
 def _decodes(reader: Any, connections: list[Any]) -> bool:
-    """Return whether the first markers, if there are any, are what the reader takes them for."""
+    """Return whether the reader decodes the first markers, or there are none."""
     from rosbags.highlevel import AnyReaderError
 
     markers = [each for each in connections if each.msgtype == MARKERS]
-    if not markers:  # without any the reader would take all
+    if not markers:  # for an empty list the reader would read all topics
         return True
     for connection, _, raw in reader.messages(markers):
         if len(raw) > _EMPTY:
@@ -152,12 +155,12 @@ def _messages(path: Path, reader: Any, connections: list[Any]) -> Iterator[tuple
 
 
 def _listed(topics: dict[str, str]) -> str:
-    """Name topics with their types, not more than a sentence bears."""
+    """Return a list of topics with their types in words, cut so that a sentence stays readable."""
     shown = [f"{plain(topic)} ({plain(msgtype)})" for topic, msgtype in topics.items()]
     more = [f"{len(shown) - _NAMED} more topics"] if len(shown) > _NAMED else []
     return ", ".join(shown[:_NAMED] + more) or "a bag without topics"
 
 
 def _spoken(msgtype: str) -> str:
-    """Return a type of message as it is written."""
+    """Return the usual name of a type of message."""
     return msgtype.replace("/msg/", "/")

@@ -1,6 +1,6 @@
-"""Which files are ROS bags, how rosbags is to open them, and what is said of broken ones.
+"""Recognition and opening of ROS bags, and the errors for broken ones.
 
-rosbags knows a bag by its ending; here what is in it decides.
+rosbags recognises a bag by its ending. Here the content decides.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.recordings.formats.opening import beginning, short
 
 MARKS: Final = {b"#ROSBAG V": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
-"""What a file of a bag begins with -> the ending by which rosbags knows it."""
+"""First bytes of a bag's file -> the ending that rosbags expects."""
 _STORAGES: Final = (".db3", ".mcap")
 _METADATA: Final = "metadata.yaml"
 _SPECIAL: Final = "?#%"
-"""rosbags hands SQLite the name as an address, in which these have a meaning."""
+"""Characters with a meaning in the URI by which rosbags passes a name to SQLite."""
 
 
 def is_bag(path: Path) -> bool:
     """Return whether a file or folder is a ROS bag, by its ending or its metadata.
 
-    A folder without metadata is one if it has files of a bag and nothing else.
+    A folder without metadata is a bag if it contains files of a bag and nothing else.
     """
-    if not os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
+    if not os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
         return path.suffix.lower() in MARKS.values()
     metadata = path / _METADATA
     if metadata.is_file() and b"rosbag2_bagfile_information" in beginning(metadata):
@@ -36,26 +36,26 @@ def is_bag(path: Path) -> bool:
     others = [
         each
         for each in _entries(path)
-        # SQLite keeps files beside its own: take.db3-wal, take.db3-shm.
+        # SQLite writes further files beside its own: take.db3-wal, take.db3-shm.
         if not each.suffix.startswith(_STORAGES) and each.name != _METADATA
     ]
     return bool(_storages(path)) and not others
 
 
 def sources_of(path: Path, stack: ExitStack) -> list[Path]:
-    """Return what rosbags is to open: a file, a folder, or the files of a folder.
+    """Return the paths that rosbags has to open: a file, a folder, or the files of a folder.
 
     Args:
         path: the bag.
-        stack: takes away, when it closes, the names by which rosbags knows a file of another name.
+        stack: removes, when it closes, the link that gives a file the name that rosbags expects.
 
     Raises:
-        RecordingError: there is no bag, or its name cannot be opened.
+        RecordingError: if there is no bag, or a file of that name cannot be opened.
     """
     if not os.path.isdir(path):
         return [_known_file(path, stack)]
     files = _storages(path)
-    # rosbags takes whatever is called so for a file of ROS 1.
+    # rosbags takes every path with the ending .bag for a file of ROS 1.
     whole = (path / _METADATA).is_file() and path.suffix != ".bag"
     sources = [path] if whole else files
     if not sources:
@@ -65,44 +65,45 @@ def sources_of(path: Path, stack: ExitStack) -> list[Path]:
     marks = [mark for mark in _SPECIAL if mark in str(path)]
     if marks and any(file.suffix == ".db3" for file in files):
         raise RecordingError(
-            f"{short(str(path))}: got {marks[0]} in the name of a .db3, allowed are names without"
+            f"{short(str(path))}: got {marks[0]} in the path of a .db3 file, allowed a path without"
+            " it"
         )
     return sources
 
 
 @contextmanager
 def faults(path: Path) -> Iterator[None]:
-    """Say in one sentence that a bag is broken, whatever a reader of others says about it."""
+    """Turn any exception of a reader into one sentence that says what is wrong with a bag."""
     try:
         yield
     except ErgoqpError:
         raise
-    except Exception as error:  # of rosbags, SQLite or YAML, or what broken bytes lead them to
+    except Exception as error:  # of rosbags, SQLite or YAML, or any other that broken bytes cause
         raise RecordingError(f"{path.name}: {_fault(error)}, allowed a whole ROS bag") from None
 
 
 def _fault(error: Exception) -> str:
-    """Return what an exception says of a bag."""
-    # Only of the system are the words its own: readers of archives have OSError without a number.
+    """Return in words what an exception means for a bag."""
+    # Only an OSError of the system has a number; archive readers raise others, without one.
     if isinstance(error, OSError) and error.errno and error.strerror:
         return f"got a bag that cannot be read ({error.strerror})"
     said = " ".join(str(error).split())
     if "not indexed" in said:
-        return "got a bag without an index: it was cut off while it was recorded"
+        return "got a bag without an index, because its recording was cut off"
     if "missing: [" in said:
-        return "got a metadata.yaml that names files which are not there"
+        return "got a metadata.yaml that names missing files"
     if "support" in said.lower():
         return f"got a bag of a kind that rosbags does not read ({said.partition(';')[0][:80]})"
     return "got a bag that is damaged or cut off"
 
 
 def _known_file(path: Path, stack: ExitStack) -> Path:
-    """Return a bag's file under a name that rosbags knows it by."""
+    """Return a bag's file under a name that rosbags accepts."""
     first = beginning(path, max(map(len, MARKS)))
     ending = next((ending for mark, ending in MARKS.items() if first.startswith(mark)), None)
     if ending is None:
         raise RecordingError(
-            f"{path.name}: got a file that does not begin as a bag does, allowed a whole ROS bag"
+            f"{path.name}: got a file that does not begin like a bag, allowed a whole ROS bag"
         )
     if path.suffix == ending and not any(mark in str(path) for mark in _SPECIAL):
         return path
@@ -110,9 +111,9 @@ def _known_file(path: Path, stack: ExitStack) -> Path:
     named = folder / f"bag{ending}"
     try:
         named.symlink_to(path.resolve())
-    except OSError as error:  # not every system lets everybody
+    except OSError as error:  # not every system allows links to everybody
         raise RecordingError(
-            f"{path.name}: got another name than a bag has, which cannot be linked"
+            f"{path.name}: got a name that rosbags does not accept and that cannot be linked"
             f" ({error.strerror}), allowed a name that ends in {ending} and has none of {_SPECIAL}"
         ) from None
     return named
@@ -123,7 +124,7 @@ def _storages(folder: Path) -> list[Path]:
 
 
 def _entries(folder: Path) -> list[Path]:
-    """Return what is in a folder, without what is hidden."""
+    """Return the entries of a folder that are not hidden."""
     try:
         return [path for path in folder.iterdir() if not path.name.startswith(".")]
     except OSError as error:

@@ -1,8 +1,8 @@
-"""Joints that a ROS node shows as markers (visualization_msgs/MarkerArray).
+"""Joints that a ROS node publishes as markers (visualization_msgs/MarkerArray).
 
-The driver of the Azure Kinect numbers a marker a hundred times its body and the joint, in the order
-of the body tracking SDK (Azure_Kinect_ROS_Driver, issue 113). The SDK counts bodies from 1, and one
-that was lost and is found again is a new one.
+With the driver of the Azure Kinect, the number of a marker is 100 times the body plus the joint, in
+the order of the body tracking SDK (Azure_Kinect_ROS_Driver, issue 113). The SDK counts bodies from
+1. A body that is lost and found again gets a new number.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ KINECT: Final[tuple[str, ...]] = (
 )
 """The joints of the Azure Kinect, in their order."""
 _POINTS: Final = frozenset({0, 1, 2, 3, 9, 10})
-"""Types of markers that are at one place: arrow, cube, sphere, cylinder, text and mesh."""
+"""Types of markers that have one position: arrow, cube, sphere, cylinder, text and mesh."""
 _IDS: Final = 100_000
-"""Markers of different number that a topic may have."""
+"""Largest number of different markers of a topic."""
 _CHANGES: Final = 3
-"""Fewer changes of a body's number say nothing."""
+"""Fewer changes of the body's number are no evidence."""
 _APART: Final = 0.3
-"""Nobody's pelvis moves so far from a message to the next [m]."""
+"""Distance by which no pelvis moves from one message to the next [m]."""
 _CROWD: Final = 20
-"""Bodies that are read where several are seen at once; more are mistakes of the tracker."""
+"""Largest number of bodies that are read if several are seen at once; more are tracking errors."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Shown:
     """The joints that a topic's markers show.
 
     Attributes:
-        names: of the joints (m,).
-        within: the coordinate frame in whose axes they are.
-        positions: where they are (n, m, 3), NaN where not seen.
+        names: names of the joints (m,).
+        within: the coordinate frame of the positions.
+        positions: positions (n, m, 3), NaN where not seen.
         frames: the frames.
         notes: sentences about them.
-        turns: none, how markers are turned says nothing of joints.
+        turns: empty, because the orientations of markers are not those of joints.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Markers:
     """One topic's markers; each of its messages is a frame."""
 
     def __init__(self, where: str) -> None:
-        """Begin without any, of the topic of this name."""
+        """Begin without markers; `where` names the topic in messages."""
         self.where = where
         self.ids: dict[tuple[str, int], int] = {}
         self.frames: Counter[str] = Counter()
@@ -77,21 +77,21 @@ class Markers:
         self._places = array("f")
 
     def __len__(self) -> int:
-        """Return how many messages there are."""
+        """Return the number of messages."""
         return len(self._sent)
 
     @property
     def crowded(self) -> bool:
-        """Whether there are more markers than anybody has joints."""
+        """Whether there are more markers than a person can have joints."""
         return len(self.ids) > (_IDS if self.kinect else MOST)
 
     def take(self, message: Any, recorded: int) -> None:
-        """Add a message, recorded at this time [ns]."""
+        """Add a message that was recorded at a time [ns]."""
         sent = 0
         if len(self.ids) > _IDS:
             return
         for marker in message.markers:
-            # 0 shows a marker, the others take it away.
+            # The action 0 shows a marker, the others remove it.
             if marker.action != 0 or marker.type not in _POINTS:
                 continue
             sent = sent or stamp_of(marker.header)
@@ -112,7 +112,7 @@ class Markers:
         """Return the joints of all messages.
 
         Raises:
-            RecordingError: they are in different frames, or time runs backwards.
+            RecordingError: if they are in different coordinate frames, or time runs backwards.
         """
         if len(self.frames) > 1:
             within = some([plain(name) for name in self.frames])
@@ -139,13 +139,13 @@ class Markers:
         if not shown.all():
             notes.append(f"{int((~shown).sum())} of {len(shown)} messages show nobody.")
         positions = positions if frames.kept.all() else positions[frames.kept]
-        # That nobody is seen again is no frame that is there once more.
+        # Consecutive messages that show nobody do not count as repeated frames.
         notes += repeated(positions[shown[frames.kept]])
         return Shown(names, within, positions, frames, tuple(notes))
 
     @property
     def kinect(self) -> bool:
-        """Whether each body has the joints of the Azure Kinect, and nothing else is shown."""
+        """Whether each body has the joints of the Azure Kinect, and there are no other markers."""
         count = len(KINECT)
         bodies = Counter(number // 100 for _, number in self.ids)
         return (
@@ -168,18 +168,18 @@ class Markers:
             if not self._alternate(seen[pelvis], pelvis):
                 if len(bodies) > 1:
                     notes.append(
-                        f"The tracker numbers {len(bodies)} bodies, never two at once: they are"
-                        " taken as one person."
+                        f"The tracker numbers {len(bodies)} bodies but never shows two at once:"
+                        " they are taken as one person."
                     )
                 return KINECT, numbers % 100, notes
             notes.append(
-                f"The tracker tells {len(bodies)} bodies in turn, at places apart: they are taken"
-                " as different people."
+                f"The tracker shows {len(bodies)} bodies in turn and far apart: they are taken as"
+                " different people."
             )
         often = np.bincount(seen[pelvis], minlength=len(bodies))
         kept = np.sort(np.argsort(-often, kind="stable")[:_CROWD])
         if len(kept) < len(bodies):
-            notes.append(f"Of {len(bodies)} bodies the {_CROWD} are read that are seen most often.")
+            notes.append(f"Of {len(bodies)} bodies the {_CROWD} that are seen most often are read.")
         names = tuple(f"body {bodies[k]}:{joint}" for k in kept for joint in KINECT)
         row = np.full(len(bodies), -1)
         row[kept] = np.arange(len(kept))
@@ -187,14 +187,14 @@ class Markers:
         return names, columns, notes
 
     def _alternate(self, bodies: np.ndarray, shown: np.ndarray) -> bool:
-        """Return whether bodies that are shown one by one are different people's.
+        """Return whether bodies that are never shown at once belong to different people.
 
-        A number that comes back, time after time and at another place, is no new one of the same
-        person.
+        They do if numbers come back several times, each time at another place: a person who is
+        found again gets a new number.
 
         Args:
-            bodies: whose pelvis is shown, in its order (k,).
-            shown: which of the markers are these (markers,) bool.
+            bodies: body of each pelvis marker, in the order in which they are shown (k,).
+            shown: which of the markers are those of a pelvis (markers,) bool.
         """
         changes = np.flatnonzero(np.diff(bodies))
         if len(changes) < _CHANGES or len(changes) < len(np.unique(bodies)):
@@ -204,7 +204,7 @@ class Markers:
         return float(np.median(leaps)) > _APART
 
     def _named(self) -> tuple[tuple[str, ...], np.ndarray, list[str]]:
-        """Return the markers' own names: their texts, else name space and number."""
+        """Return the markers' own names: their texts, or else namespace and number."""
         texts = Counter(self._texts)
         names = [
             text if text and texts[text] == 1 else f"{ns}/{number}" if ns else str(number)

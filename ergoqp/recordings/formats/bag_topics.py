@@ -1,4 +1,4 @@
-"""The messages of a ROS bag that say where a person and objects are, topic by topic."""
+"""The messages of a ROS bag that show a person and objects, by topic."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ TYPES: Final = (
 
 
 class Topics:
-    """What the messages say, kept as they come."""
+    """Content of the messages that are read, by topic."""
 
     def __init__(self, where: str) -> None:
-        """Begin without any, of the file of this name."""
+        """Begin without messages; `where` is the file's name."""
         self.where = where
         self.markers: dict[str, Markers] = {}
         self.tree = Tree(where)
@@ -39,7 +39,7 @@ class Topics:
         self._angles: dict[tuple[str, ...], Series] = {}
 
     def take(self, topic: str, kind: str, message: Any, recorded: int) -> None:
-        """Add a message of one of `TYPES`, recorded at this time [ns]."""
+        """Add a message of one of `TYPES` that was recorded at a time [ns]."""
         topic = plain(topic)
         if kind == MARKERS:
             place = f"{self.where}: {topic}"
@@ -52,9 +52,10 @@ class Topics:
             self._take_pose(topic, message, recorded)
 
     def person(self) -> tuple[Shown | Moved | None, list[str]]:
-        """Return who is shown, by the topic that shows most joints, and what is left out.
+        """Return the person, from the topic with the most joints, and sentences about the others.
 
-        The joints of an Azure Kinect are a person's; what else moves may be a robot.
+        A topic with the joints of an Azure Kinect is preferred: other moving frames may be a
+        robot's.
         """
         notes = []
         shown: dict[str, Markers] = {}
@@ -85,7 +86,7 @@ class Topics:
         return (self.tree.joints() if moving else None), notes
 
     def clock(self) -> Frames | None:
-        """Return the messages of the busiest pose or angles as frames; None without any."""
+        """Return the messages of the busiest poses or angles as frames; None if there are none."""
         poses = [series for within in self._poses.values() for series in within.values()]
         busiest = max([*poses, *self._angles.values()], key=len, default=None)
         return None if busiest is None else busiest.frames(self.where)
@@ -95,12 +96,12 @@ class Topics:
     ) -> tuple[dict[str, np.ndarray], list[str]]:
         """Return the objects' poses (n, 4, 4) at frames, by their topics, and sentences.
 
-        They are brought into one coordinate frame, as far as tf knows the way at that time; what it
-        does not connect is left out.
+        They are transformed into one coordinate frame where tf connects it at that time. Poses in
+        frames that tf does not connect are left out.
 
         Args:
             frames: the frames.
-            target: that of the person's joints; None: the one that most messages are in.
+            target: the coordinate frame of the person's joints; None: that of most messages.
         """
         count: Counter[str] = Counter()
         for series in self._poses.values():
@@ -111,7 +112,7 @@ class Topics:
         for topic, series in self._poses.items():
             rows = np.full((len(frames.time), 7), np.nan, dtype=np.float32)
             read = False
-            # A topic that tells poses in several frames is read in the busiest one first.
+            # A topic with poses in several coordinate frames is read in the busiest one first.
             for within, each in sorted(series.items(), key=lambda item: -len(item[1])):
                 found, said = self._brought(topic, within, each, frames, str(target))
                 notes += said
@@ -127,7 +128,7 @@ class Topics:
     def _brought(
         self, topic: str, within: str, series: Series, frames: Frames, target: str
     ) -> tuple[np.ndarray | None, list[str]]:
-        """Return poses (n, 7) in a coordinate frame, None if they are in another, and sentences."""
+        """Return poses (n, 7) in a coordinate frame, None if it is not connected, and sentences."""
         rows = series.at(frames, f"{self.where}: {topic}")
         pose = np.concatenate([rows[:, :3], turns_of(rows[:, 3:])], axis=1)
         if within == target:
@@ -139,14 +140,14 @@ class Topics:
                 f" not connect it with {short(target)}, the frame of the rest."
             ]
         return onto(way, pose), [
-            f"The poses of {topic} are brought by tf from the frame {short(within)} to"
+            f"The poses of {topic} are transformed by tf from the frame {short(within)} to"
             f" {short(target)}."
         ]
 
     def angles(self, frames: Frames) -> Mapping[str, np.ndarray]:
         """Return the joint angles (n,) [rad] at frames, by their names."""
         found: dict[str, np.ndarray] = {}
-        # A joint that several senders tell is the busiest one's.
+        # If several senders have a joint, the busiest one counts.
         for names, series in sorted(self._angles.items(), key=lambda each: -len(each[1])):
             rows = series.at(frames, f"{self.where}: {names[0]}")
             for i, name in enumerate(names[1:]):
@@ -166,12 +167,12 @@ class Topics:
 
     def _take_angles(self, topic: str, message: Any, recorded: int) -> None:
         names, angles = list(message.name), message.position
-        if not len(angles):  # speeds or torques alone
+        if not len(angles):  # a message of velocities or torques only
             return
         if len(angles) != len(names):
             raise RecordingError(
                 f"{self.where}: {topic}: got {len(names)} names and {len(angles)} positions,"
-                " allowed as many"
+                " allowed as many names as positions"
             )
         series = self._angles.setdefault((topic, *names), Series(len(names)))
         series.add(stamp_of(message.header), recorded, angles)
@@ -179,4 +180,6 @@ class Topics:
 
     def _check(self, count: int, what: str, things: str) -> None:
         if count > MOST:
-            raise RecordingError(f"{self.where}: {what} more than {MOST} {things}, allowed so many")
+            raise RecordingError(
+                f"{self.where}: {what} more than {MOST} {things}, allowed at most that many"
+            )

@@ -1,6 +1,6 @@
 """The tree of coordinate frames that ROS nodes publish piece by piece (tf2_msgs/TFMessage).
 
-Trackers publish a person's joints as frames in that of their camera.
+Trackers publish a person's joints as coordinate frames in the frame of their camera.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Moved:
     """The coordinate frames that move, all in their common root.
 
     Attributes:
-        names: of the coordinate frames (m,).
-        within: their root, in whose axes they are.
-        positions: where they are (n, m, 3), NaN where not known.
-        turns: name -> unit quaternions (n, 4), NaN where not known.
+        names: names of the coordinate frames (m,).
+        within: their root, in whose axes the positions are.
+        positions: positions (n, m, 3), NaN where unknown.
+        turns: name -> unit quaternions (n, 4), NaN where unknown.
         frames: the frames in time.
         notes: sentences about them.
     """
@@ -41,21 +41,21 @@ class Moved:
 
 
 class Tree:
-    """Coordinate frames, each in its parent's."""
+    """Coordinate frames, each given in its parent."""
 
     def __init__(self, where: str) -> None:
-        """Begin without any, of the file of this name."""
+        """Begin without coordinate frames; `where` is the file's name."""
         self.where = where
         self._moving: dict[str, dict[str, Series]] = {}
         self._still: dict[str, tuple[str, tuple[float, ...]]] = {}
 
     @property
     def names(self) -> list[str]:
-        """The frames that move."""
+        """The coordinate frames that move."""
         return list(self._moving)
 
     def take(self, message: Any, recorded: int, still: bool) -> None:
-        """Add a message, recorded at this time [ns]; whether it holds for ever."""
+        """Add a message that was recorded at a time [ns]; `still`: whether it is static."""
         for each in message.transforms:
             parent, child = (n.lstrip("/") for n in (each.header.frame_id, each.child_frame_id))
             row = pose_row(each.transform.translation, each.transform.rotation)
@@ -66,14 +66,15 @@ class Tree:
             parents.setdefault(parent, Series(7)).add(stamp_of(each.header), recorded, row)
             if len(self._moving) > MOST or len(parents) > MOST:
                 raise RecordingError(
-                    f"{self.where}: got more than {MOST} moving frames of tf, allowed so many"
+                    f"{self.where}: got more than {MOST} moving frames of tf, allowed at most that"
+                    " many"
                 )
 
     def joints(self) -> Moved:
-        """Return the frames that move, at the times of the one that is told most often.
+        """Return the frames that move, at the times of the one that is published most often.
 
         Raises:
-            RecordingError: the tree has a circle, or time runs backwards.
+            RecordingError: if the tree has a cycle, or time runs backwards.
         """
         parents, notes = self._parents()
         chains = {name: _chain(self.where, name, parents) for name in self._moving}
@@ -87,8 +88,8 @@ class Tree:
         notes = [
             *frames.notes,
             *notes,
-            f"The positions are those of the {len(names)} moving frames of tf in their root"
-            f" {short(root)}, and in its axes, at the times of {short(clock)}.",
+            f"The positions are those of the {len(names)} moving frames of tf, in the axes of their"
+            f" root {short(root)} and at the times of {short(clock)}.",
         ]
         if others:
             notes.append(f"The frames {some(others)} of tf have another root and are not read.")
@@ -104,40 +105,40 @@ class Tree:
         return Moved(names, root, positions, turns, frames, (*notes, *repeated(positions)))
 
     def between(self, name: str, target: str, frames: Frames) -> np.ndarray | None:
-        """Return a frame's pose in another one (n, 7), NaN where not known; None if apart."""
+        """Return a frame's pose in another (n, 7), NaN where unknown; None if not connected."""
         parents, _ = self._parents()
         one, other = (_chain(self.where, each, parents)[::-1] for each in (name, target))
         if one[0] != other[0]:
             return None
-        # What both hang from need not be known.
+        # The poses of the common ancestors are not needed.
         while len(one) > 1 and len(other) > 1 and one[1] == other[1]:
             one, other = one[1:], other[1:]
         below, above = (self._along(chain, frames) for chain in (one, other))
         return onto(_reversed(above), below)
 
     def _along(self, chain: list[str], frames: Frames) -> np.ndarray:
-        """Return the pose of the last of some frames, each in the one before, in the first."""
+        """Return the pose of the last frame of a chain in the first one (n, 7)."""
         pose = np.tile(np.array([0, 0, 0, 0, 0, 0, 1], np.float32), (len(frames.time), 1))
         for parent, child in pairwise(chain):
             pose = onto(pose, self._pose(child, parent, frames))
         return pose
 
     def _parents(self) -> tuple[dict[str, str], list[str]]:
-        """Return child -> parent, and what is said of children with several."""
+        """Return child -> parent, and sentences about children with several parents."""
         parents = {child: parent for child, (parent, _) in self._still.items()}
         notes = []
         for child, series in self._moving.items():
-            # Told once in a while in another frame, and else in its usual one.
+            # The usual parent counts, if the frame is sometimes published in another one.
             parents[child] = max(series, key=lambda parent: len(series[parent]))
             if len(series) > 1:
                 notes.append(
-                    f"The frame {short(child)} of tf is told in {len(series)} others; it is read in"
-                    f" {short(parents[child])}."
+                    f"The frame {short(child)} of tf has {len(series)} different parents; it is"
+                    f" read in {short(parents[child])}."
                 )
         return parents, notes
 
     def _pose(self, child: str, parent: str, frames: Frames) -> np.ndarray:
-        """Return a frame's pose in its parent (n, 7), NaN where not known."""
+        """Return a frame's pose in its parent (n, 7), NaN where unknown."""
         if child in self._moving:
             rows = self._moving[child][parent].at(frames, f"{self.where}: {plain(child)}")
         else:
@@ -152,8 +153,8 @@ def pose_row(place: Any, turn: Any) -> tuple[float, ...]:
 
 
 def turns_of(rows: np.ndarray) -> np.ndarray:
-    """Return quaternions (n, 4) of length 1 as 32 bit numbers, NaN where they are none."""
-    # The square of a large number is none of 32 bits.
+    """Return quaternions (n, 4) of length 1 in 32 bits, NaN where they have no direction."""
+    # The square of a large number would overflow 32 bits.
     return unit_turns(rows.astype(float)).astype(np.float32)
 
 
@@ -163,15 +164,15 @@ def _chain(where: str, name: str, parents: Mapping[str, str]) -> list[str]:
     while (parent := parents.get(next(reversed(chain)))) is not None:
         if parent in chain:
             raise RecordingError(
-                f"{where}: got the frame {short(parent)} of tf within itself, allowed a tree"
+                f"{where}: got the frame {short(parent)} of tf inside itself, allowed a tree"
             )
         chain[parent] = None
     return list(chain)
 
 
 def onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return poses (n, 7) in a frame, given the frame's own (n, 7)."""
-    # scipy's are loaded where they are needed: most files have none.
+    """Return the product of two poses (n, 7): that of a frame, and a pose in that frame."""
+    # scipy is loaded here only, because most files need no rotations.
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(above).all(axis=1) & np.isfinite(pose).all(axis=1)
@@ -184,7 +185,7 @@ def onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def _reversed(pose: np.ndarray) -> np.ndarray:
-    """Return poses (n, 7) of what is seen from them, in them."""
+    """Return the inverse of poses (n, 7)."""
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(pose).all(axis=1)

@@ -1,8 +1,8 @@
 """Folders with one table of poses for each body: x, y, z and a unit quaternion in a row.
 
-Such folders come from scripts of laboratories that log one rigid body or bone a file. What stands
-before the body's name in all files, and behind it, is no part of it; of several people it says
-whose the body is.
+Such folders come from scripts of laboratories that log one rigid body or bone per file. A part of
+the file names that is common to all files is not part of the body's name. With several people, the
+beginning of the file name states the person.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _ORDERS: Final = (
     (("qw", "qx", "qy", "qz"), (1, 2, 3, 0)),
 )
 _LONGEST: Final = 2000
-"""Letters in the row of names, at most."""
+"""Largest number of bytes in the row of names."""
 
 
 @dataclass(frozen=True)
 class _Times:
-    """The times of a table (n,) in their unit [s], which is None where it is not told."""
+    """The times of a table (n,) and their unit [s], which is None if the file does not state it."""
 
     stamps: np.ndarray
     tick: float | None
@@ -49,15 +49,15 @@ def is_folder_of_bodies(folder: Path) -> bool:
 
 
 def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
-    """Return the bodies of a folder; those that do not belong to a person are objects too.
+    """Return the bodies of a folder; those that do not belong to a person are objects, too.
 
     Args:
-        folder: with one table for each body, all of as many rows.
-        progress: told how much of it is read.
-        asked: frames per second, which go before the tables' times.
+        folder: the folder with one table per body, all with the same number of rows.
+        progress: is called with the share that is read.
+        asked: frames per second, used instead of the tables' times.
 
     Raises:
-        RecordingError: tables differ in length, or are no poses.
+        RecordingError: if tables differ in length, or have no poses.
     """
     paths = [path for path in _tables(folder) if _head_of(path) is not None]
     if not paths:
@@ -76,8 +76,8 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
             times[name] = found
         elif asked.rate is None:
             raise RecordingError(
-                f"{folder.name}: got tables of poses without times, allowed with a column that is"
-                " called time or timestamp, or with the frames per second stated (rate)"
+                f"{folder.name}: got tables of poses without times, allowed a column that is called"
+                " time or timestamp, or stated frames per second (rate)"
             )
     counts = {len(place) for place in places.values()}
     if len(counts) > 1:
@@ -87,7 +87,7 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
         )
         raise RecordingError(
             f"{folder.name}: got {len(places[least])} rows for {least} and {len(places[most])} for"
-            f" {most}, allowed as many for each body"
+            f" {most}, allowed the same number for each body"
         )
     positions = np.stack(list(places.values()), axis=1)
     time, kept, notes = _timed(folder.name, times, asked.rate, [positions, *quaternions.values()])
@@ -128,7 +128,7 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def _head_of(path: Path) -> tuple[list[str], str | None] | None:
-    """Return the names of a table's columns and what parts them; None if it has no poses."""
+    """Return the names of a table's columns and their separator; None if it has no poses."""
     with binary(path) as file:
         row = file.readline(_LONGEST).decode("utf-8-sig", "replace").strip().lower()
     separator = separator_of(row)
@@ -137,7 +137,7 @@ def _head_of(path: Path) -> tuple[list[str], str | None] | None:
 
 
 def _turn(columns: list[str]) -> tuple[tuple[str, ...], tuple[int, ...] | None] | None:
-    """Return the names of the quaternion's columns and their order x, y, z, w, if they tell it."""
+    """Return the names of a quaternion's columns, and their order x, y, z, w if it is stated."""
     for names, order in _ORDERS:
         if set(names) <= set(columns):
             return names, order
@@ -151,12 +151,12 @@ def _timed(
 
     Args:
         where: the folder's name, for messages.
-        times: of the bodies whose tables have them.
-        rate: frames per second as stated; it goes before the tables' times.
-        shown: what the frames show.
+        times: body -> times, for the tables that have them.
+        rate: stated frames per second, used instead of the tables' times.
+        shown: content of the frames.
 
     Raises:
-        RecordingError: bodies have different times, or they are none.
+        RecordingError: if bodies have different times, or the times are invalid.
     """
     if rate is not None:
         time, notes = steady(where, len(shown[0]), rate)
@@ -167,13 +167,13 @@ def _timed(
         return time, np.ones(len(time), dtype=bool), notes
     first, own = next(iter(times.items()))
     steps = np.diff(own.stamps)
-    # Who logs body after body stamps each a little later.
+    # A script that logs one body after the other stamps each a little later.
     slack = 0.5 * float(np.median(steps)) if len(steps) else 0.0
     for name, each in times.items():
         if each.tick != own.tick or not (np.abs(each.stamps - own.stamps) <= abs(slack)).all():
             raise RecordingError(
-                f"{where}: got other times for {name} than for {first}, allowed the same for each"
-                " body; or state the frames per second (rate)"
+                f"{where}: got other times for {name} than for {first}, allowed the same times for"
+                " each body; or state the frames per second (rate)"
             )
     remedy = "; or state the frames per second (rate)"
     return seconds(where, own.stamps, own.tick, shown, remedy)
@@ -182,7 +182,7 @@ def _timed(
 def _read(
     path: Path, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, tuple[int, ...] | None, _Times | None]:
-    """Return places, quaternions, the order of the latter if it is told, and times if there are."""
+    """Return positions, quaternions, and the quaternions' order and the times if it has them."""
     head = _head_of(path)
     if head is None or (turn := _turn(head[0])) is None:
         raise RecordingError(f"{path.name}, line 1: got other names than x, y, z, q0, q1, q2, q3")
@@ -205,6 +205,6 @@ def _read(
             if clock is not None:
                 stamps.add(values[:, -1], lines.share)
     if not rows:
-        raise RecordingError(f"{path.name}: got no row below the names, allowed poses")
+        raise RecordingError(f"{path.name}: got no row below the names, allowed rows of poses")
     times = None if clock is None else _Times(stamps.whole, tick)
     return rows.whole[:, :3], rows.whole[:, 3:], order, times

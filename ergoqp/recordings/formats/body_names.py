@@ -1,4 +1,4 @@
-"""Names of bodies, and whose they are, by the files of a folder with a table for each."""
+"""Names of bodies, and their people, from the names of the files of a folder."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Final
 
 _LEAST: Final = 6
-"""Bodies of each of several people, at least."""
+"""Least number of bodies of each of several people."""
 _MARKS: Final = "_-. "
 _SIDES: Final = frozenset({"left", "right", "l", "r"})
 
 
 def names_of(paths: list[Path]) -> list[str]:
-    """Return what distinguishes file names: without a shared begin and end, up to a mark.
+    """Return the bodies' names: the file names without a shared start and end, up to a mark.
 
-    Bodies of several people have the prefix of whose they are: "giver:head".
+    Bodies of several people get the person as a prefix: "giver:head".
     """
     stems = [path.stem for path in paths]
     if len(set(stems)) < len(stems):
@@ -46,7 +46,7 @@ def names_of(paths: list[Path]) -> list[str]:
 
 
 def of_people(paths: list[Path]) -> list[bool]:
-    """Return which bodies are a person's: those whose files begin alike, if others do not."""
+    """Return which bodies are a person's: those with a common start, if others have another."""
     stems = [path.stem for path in paths]
     begins = list(map(_first, stems))
     if people := _people(stems):
@@ -57,14 +57,14 @@ def of_people(paths: list[Path]) -> list[bool]:
 
 
 def _people(stems: list[str]) -> set[str]:
-    """Return the begins of which there are enough bodies for a person each, if there are two."""
+    """Return the starts of names with enough bodies for a person, if there are at least two."""
     begins = Counter(begin for stem in stems if (begin := _first(stem)) != stem)
     found = {begin for begin, count in begins.items() if count >= _LEAST}
     return found if len(found) > 1 else set()
 
 
 def _first(stem: str) -> str:
-    """Return with what a name begins, up to a mark; all of it if that is a side of the body."""
+    """Return the start of a name up to a mark; the whole name without a mark or if it is a side."""
     match = re.match(r"[^_\-. ]+[_\-. ]", stem)
     sided = match and match.group(0)[:-1].casefold() in _SIDES
     return match.group(0) if match and not sided else stem

@@ -1,4 +1,4 @@
-"""Quaternions of bodies: in which order their numbers are, and which are none."""
+"""Quaternions of bodies: the order of their numbers, and which are not of length 1."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.formats.poses import unit_turns
 
 _LOOKED_AT: Final = 500
-"""Frames by which the order of quaternions is found, about."""
+"""Frames from which the order of quaternions is found, about."""
 _USUAL: Final = "x, y, z, w"
 _SURELY: Final = 0.8
-"""An order that is right lets neighbours move by less than this share of the wrong one."""
+"""With the right order, neighbours move by less than this share of what they do with the wrong."""
 _STILL: Final = 1e-3
-"""What moves by less than this share of how far bodies are apart shows nothing."""
+"""Movement below this share of the distance between bodies is no evidence."""
 
 
 def order_of(
     places: dict[str, np.ndarray], turns: dict[str, np.ndarray]
 ) -> tuple[tuple[int, ...], str]:
-    """Return which column is x, y, z and w, and how it was found.
+    """Return the columns of x, y, z and w, and a sentence about how they were found.
 
-    In the right order the place of a neighbour in a bone's frame is fixed.
+    With the right order, a neighbour's place in a bone's axes is fixed.
 
     Args:
-        places: name of a body -> where it is (n, 3).
-        turns: name of a body whose order is not told -> its quaternions (n, 4).
+        places: name of a body -> positions (n, 3).
+        turns: name of a body whose order is unknown -> its quaternions (n, 4).
     """
     orders = {"x, y, z, w": (0, 1, 2, 3), "w, x, y, z": (1, 2, 3, 0)}
     if len(places) < 2:
         return orders[_USUAL], (
-            f"The quaternions are taken as {_USUAL}: with one body nothing tells their order."
+            f"The quaternions are taken as {_USUAL}, because one body does not show their order."
         )
     every = max(1, len(next(iter(places.values()))) // _LOOKED_AT)
     near = {name: place[::every].astype(float) for name, place in places.items()}
@@ -50,19 +50,19 @@ def order_of(
     most = max(spread.values())
     if spread[best] >= _SURELY * most or most < _STILL * _size(offsets.values()):
         return orders[_USUAL], (
-            f"The quaternions are taken as {_USUAL}: nothing tells their order, a bone's neighbour"
-            f" moves by {1000 * spread[_USUAL]:.0f} mm in its frame with either (or by as much in"
-            " the file's unit)."
+            f"The quaternions are taken as {_USUAL}, because the movement does not show their"
+            " order: with either order, a bone's neighbour moves in its axes by about"
+            f" {1000 * spread[_USUAL]:.0f} mm (if the file's unit is a metre)."
         )
     return orders[best], (
-        f"The quaternions are taken as {best}: a bone's neighbour moves by"
-        f" {1000 * spread[best]:.0f} mm in its frame then, and by"
-        f" {1000 * most:.0f} mm else (or by as much in the file's unit)."
+        f"The quaternions are taken as {best}: a bone's neighbour then moves in its axes by"
+        f" {1000 * spread[best]:.0f} mm, and with the other order by"
+        f" {1000 * most:.0f} mm (if the file's unit is a metre)."
     )
 
 
 def _wanders(turns: np.ndarray, offsets: np.ndarray) -> float:
-    """Return by how much a point moves in the frame of a body; infinite if it is not seen."""
+    """Return how much a point moves in the axes of a body; infinite if it is not seen."""
     from scipy.spatial.transform import Rotation
 
     seen = np.isfinite(turns).all(axis=1) & np.isfinite(offsets).all(axis=1)
@@ -73,13 +73,13 @@ def _wanders(turns: np.ndarray, offsets: np.ndarray) -> float:
 
 
 def _offsets(places: Mapping[str, np.ndarray], name: str) -> list[np.ndarray]:
-    """Return where other bodies are from one (n, 3), but for those that are at its place."""
+    """Return the vectors from one body to each other (n, 3), without bodies at the same place."""
     found = [each - places[name] for other, each in places.items() if other != name]
     return [each for each in found if np.isfinite(each).any() and np.nanmax(np.abs(each)) > 0]
 
 
 def _size(offsets: Iterable[list[np.ndarray]]) -> float:
-    """Return how far a body's nearest neighbour is, in the median."""
+    """Return the median distance of a body from its nearest neighbour."""
     nearest = [
         min(float(np.nanmedian(np.linalg.norm(each, axis=1))) for each in others)
         for others in offsets
@@ -89,7 +89,7 @@ def _size(offsets: Iterable[list[np.ndarray]]) -> float:
 
 
 def lengths_said(turns: Mapping[str, np.ndarray]) -> list[str]:
-    """Name the bodies whose quaternions (n, 4) are not of length 1: they are not read."""
+    """Return a sentence with the bodies whose quaternions (n, 4) are not of length 1."""
     found = []
     for name, each in turns.items():
         told = np.isfinite(each).all(axis=1) & each.any(axis=1)
@@ -100,4 +100,4 @@ def lengths_said(turns: Mapping[str, np.ndarray]) -> list[str]:
             found.append(f"{name} ({count} of {len(each)}, {length:.3g} in the median)")
     if not found:
         return []
-    return [f"Quaternions are not read that have not length 1: of {some(found, 30)}."]
+    return [f"Quaternions whose length is not 1 are not read: of {some(found, 30)}."]

@@ -1,8 +1,8 @@
-"""C3D files: markers of motion laboratories, with the angles that their programs computed.
+"""C3D files: markers of motion laboratories, with the joint angles that their programs computed.
 
-The frames are read block by block: an hour is larger than memory should be. Points that are no
+The frames are read block by block, because an hour is too large for memory. Points that are not
 markers (joint centres, forces, moments, powers of the laboratory's own model) are not taken as
-such; its angles are handed on.
+markers. The angles of that model are returned.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from ergoqp.recordings.names import nameless
 _BLOCK: Final = 4 << 20
 """Bytes that are read at once."""
 _COMPUTED: Final = ("FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
-"""Groups of points that are computed and no markers."""
+"""Groups of points that are computed and are not markers."""
 _FARTHEST: Final = 1e9
-"""No number of a point or an angle is larger: what is is no number, but other bits."""
+"""Largest number of a point or an angle; larger ones are bits with another meaning."""
 _SUBJECT: Final = "PROCESSING"
-"""Where Vicon's programs keep what was measured at the person."""
+"""Group in which Vicon's programs store the measures of the person."""
 
 
 def read_c3d(path: Path, progress: Progress, asked: Asked) -> JointMotion:
-    """Return the labelled markers of a file, and the angles that it has.
+    """Return the labelled markers of a file, and its joint angles.
 
-    A point without camera or at the origin is not seen.
+    A point that no camera sees, or at the origin, is not seen.
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: unused, a file states its rate.
+        progress: is called with the share of the file that is read.
+        asked: unused, because a file states its rate.
 
     Raises:
-        RecordingError: it is no C3D file, cut, or has no labelled marker.
+        RecordingError: if it is not a C3D file, is cut, or has no labelled marker.
     """
     with binary(path) as file:
         head = read_head(path, file)
@@ -88,25 +88,24 @@ def read_c3d(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 
 def _named(head: Head, *groups: str) -> frozenset[str]:
-    """Return the points that some groups of points name."""
+    """Return the names of the points in some groups."""
     return frozenset(name for group in groups for name in head.texts("POINT", group) if name)
 
 
 def _is(name: str, named: frozenset[str]) -> bool:
-    """Return whether a point is among those of a group, which may do without whose they are."""
+    """Return whether a point is among those of a group, whose names may lack the prefix."""
     return name in named or name.rpartition(":")[2] in named
 
 
 def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
-    """Return name -> the place of its point, for those that have a name, and sentences."""
+    """Return name -> index of its point, for the points that have a name, and sentences."""
     stated = head.texts("POINT", "LABELS")
     notes: list[str] = []
     labels: dict[str, int] = {}
     twice: dict[str, None] = {}
     if len(stated) > head.points and any(stated[head.points :]):
         notes.append(
-            f"The file names {len(stated)} points and has {head.points}: the first names are"
-            " theirs."
+            f"The file names {len(stated)} points and has {head.points}: the first names are used."
         )
     lost = max(head.points - len(stated), 0)
     for i, name in enumerate(stated[: head.points]):
@@ -119,7 +118,7 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
     if lost:
         notes.append(f"{lost} of {head.points} points have no label and are left out.")
     if twice:
-        notes.append(f"{some(list(twice))}: there twice; the first is taken.")
+        notes.append(f"{some(list(twice))}: in the file twice; the first is used.")
     return labels, notes
 
 
@@ -139,7 +138,7 @@ def _frames(
     many = max(_BLOCK // length, 1)
     for at in range(0, count, many):
         now = min(many, count - at)
-        with np.errstate(invalid="ignore", over="ignore"):  # bits that are no number
+        with np.errstate(invalid="ignore", over="ignore"):  # some bits are not numbers
             points = _points(file.read(now * length), head, now)
             lost = ~(points[:, :, 3] >= 0) | ~(np.abs(points[:, :, :3]) <= _FARTHEST).all(axis=2)
             points[lost, :3] = np.nan
@@ -152,7 +151,7 @@ def _frames(
 
 
 def _points(raw: bytes, head: Head, count: int) -> np.ndarray:
-    """Return x, y, z [file unit] and a number that is negative where nothing is seen (n, m, 4)."""
+    """Return x, y, z [file unit] and a number that is negative if not seen (n, m, 4)."""
     of_points = 4 * head.points
     if head.scale < 0:
         values = head.numbers.floats(raw).reshape(count, -1)[:, :of_points]
@@ -164,7 +163,7 @@ def _points(raw: bytes, head: Head, count: int) -> np.ndarray:
 
 
 def _measures(head: Head, unit: float | None) -> dict[str, float]:
-    """Return what was measured at the person [m]; nothing where the unit is not known."""
+    """Return the measures of the person [m]; none if the unit is unknown."""
     found = {}
     for name in head.parameters.get(_SUBJECT, {}):
         value = head.number(_SUBJECT, name)

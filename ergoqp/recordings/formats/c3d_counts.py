@@ -1,8 +1,9 @@
-"""How many frames a C3D file has.
+"""Number of frames of a C3D file.
 
-Its header counts to 65 535, and often counts those of what the file was cut from; programs state
-longer counts in three other places (c3d.org, "The C3D frame count"). Of what is stated, that is
-taken which the file's length bears out. A file is never cut in silence.
+The header counts to 65 535 only, and often counts the frames of the longer recording from which the
+file was cut. Programs state longer counts in three other places (c3d.org, "The C3D frame count").
+Of the stated counts, the one that agrees with the file's length is used. No frames are dropped
+without a message.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from ergoqp.recordings.formats.c3d_head import BLOCK, Head, fail
 
 _LONGEST: Final = 65_535
-"""Frames that one word can count: who has more states this many, or begins anew."""
+"""Largest count of a 16-bit word; a file with more frames states this many, or wraps around."""
 _LARGEST: Final = 1 << 53
 
 
@@ -25,8 +26,8 @@ class _Count:
     """A stated number of frames.
 
     Attributes:
-        frames: as many.
-        ended: whether the count ends there because it cannot go on.
+        frames: the number.
+        ended: whether it is the largest that can be stated there.
     """
 
     frames: int
@@ -34,16 +35,17 @@ class _Count:
 
 
 def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, tuple[str, ...]]:
-    """Return how many frames a file has, and sentences.
+    """Return the number of frames of a file, and sentences.
 
     Args:
         path: the file.
-        file: it, opened.
+        file: the opened file.
         head: its header.
-        size: how long it is [bytes].
+        size: its size [bytes].
 
     Raises:
-        RecordingError: it is cut, or nothing states that it has as many as are there.
+        RecordingError: if the file is cut, or holds more frames than it can count and states no
+            long count.
     """
     there = max(size - head.start, 0) // head.frame_bytes
     counts, header = _stated(head), (head.last - head.first + 1) % (_LONGEST + 1)
@@ -62,19 +64,19 @@ def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, t
         fail(
             path,
             f"got {there} frames of which {count} are stated, allowed a long count"
-            " (TRIAL:ACTUAL_END_FIELD or POINT:LONG_FRAMES) with more than 65535; export the"
-            " take with it, or in parts",
+            " (TRIAL:ACTUAL_END_FIELD or POINT:LONG_FRAMES) beyond 65535; export the take with it,"
+            " or in parts",
         )
     if not count:
         fail(path, f"got the frames {head.first} to {head.last}, allowed 1 and more")
     if more < 0:
-        fail(path, f"got {there} frames, allowed {count}, as is stated; the file is cut")
-    # What turns segments have stands behind the points.
+        fail(path, f"got {there} frames, allowed {count} as stated; the file is cut")
+    # The rotations of segments are stored after the points.
     if more < 2 + BLOCK // head.frame_bytes or "ROTATION" in head.parameters:
         return count, ()
     return count, (
-        f"The file states {count} frames and is long enough for {there}: what stands behind the"
-        " stated ones is left out.",
+        f"The file states {count} frames and is long enough for {there}: the data after the stated"
+        " frames is left out.",
     )
 
 
@@ -93,16 +95,16 @@ def _stated(head: Head) -> list[_Count]:
 
 
 def _whole(value: object) -> int:
-    """Return a count of frames; 0 for none."""
+    """Return a count of frames; 0 if there is none."""
     if not isinstance(value, np.ndarray) or not value.size:
         return 0
     if value.dtype.kind != "f":
-        return int(value[0]) % (_LONGEST + 1)  # without a sign
+        return int(value[0]) % (_LONGEST + 1)  # as unsigned
     return int(value[0]) if 1 <= value[0] < _LARGEST else 0
 
 
 def _between(first: object, last: object) -> int:
-    """Return the count from a first to a last frame, of two words each."""
+    """Return the count from a first to a last frame, each stated in two words; 0 if not so."""
     numbers = []
     for value in (first, last):
         if not isinstance(value, np.ndarray) or value.size != 2 or value.dtype.kind != "i":
@@ -113,23 +115,23 @@ def _between(first: object, last: object) -> int:
 
 
 def _left(count: int, head: Head, size: int) -> int:
-    """Return how many bytes are behind so many frames."""
+    """Return the number of bytes after some number of frames."""
     return size - head.start - count * head.frame_bytes
 
 
 def _fills(count: int, head: Head, size: int) -> bool:
-    """Return whether so many frames fill a file but for the rest of its last block."""
+    """Return whether some number of frames fills a file, up to a rest of less than a block."""
     return 0 <= _left(count, head, size) < BLOCK
 
 
 def _begun_anew(count: int, head: Head, size: int) -> bool:
-    """Return whether a file holds 65 536 frames more than a count, or so many more often."""
+    """Return whether a file holds a multiple of 65 536 frames more than a count."""
     left = _left(count, head, size)
     round_ = (_LONGEST + 1) * head.frame_bytes
     return count <= _LONGEST and left >= round_ and left % round_ < BLOCK
 
 
 def _tail(file: BinaryIO, head: Head, count: int) -> bool:
-    """Return whether what is behind so many frames is more than what fills a block."""
+    """Return whether there is other data than zeros after some number of frames."""
     file.seek(head.start + count * head.frame_bytes)
     return any(file.read(BLOCK))

@@ -1,8 +1,8 @@
-"""Header and parameters of C3D files, of every processor type and without trust.
+"""Header and parameters of C3D files of every processor type; the files are not trusted.
 
-A file is in blocks of 512 bytes: a header, parameters in groups, frames (c3d.org, "The C3D File
-Format: User Guide"). Integers and floats are those of the computer that wrote it: Intel, DEC or
-MIPS.
+A file consists of blocks of 512 bytes: a header, parameters in groups, frames (c3d.org, "The C3D
+File Format: User Guide"). Integers and floats are those of the computer that wrote it: Intel, DEC
+or MIPS.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ _KEY: Final = 0x50
 """The second byte of each file."""
 _PROCESSORS: Final = {84: "Intel", 85: "DEC", 86: "MIPS"}
 _MOST: Final = 1 << 20
-"""Bytes of parameters, at most; of those that keep to the format 255 blocks."""
+"""Largest number of bytes of parameters; the format allows 255 blocks."""
 _DIMENSIONS: Final = 7
 _WIDTHS: Final = {-1: 1, 1: 1, 2: 2, 4: 4}
 _RATES: Final = (1.0, 100_000.0)
-"""Frames per second, at least and at most [Hz]."""
+"""Smallest and largest number of frames per second [Hz]."""
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """How the computer that wrote a file has its numbers.
+    """Number format of the computer that wrote a file.
 
     Attributes:
         processor: one of Intel, DEC, MIPS.
@@ -41,7 +41,7 @@ class Numbers:
 
     @property
     def order(self) -> str:
-        """NumPy's mark for the order of bytes."""
+        """NumPy's character for the order of bytes."""
         return ">" if self.processor == "MIPS" else "<"
 
     def integers(self, raw: bytes) -> np.ndarray:
@@ -52,27 +52,27 @@ class Numbers:
         """Return 32-bit floats."""
         if self.processor != "DEC":
             return np.frombuffer(raw, self.order + "f4").astype(np.float32)
-        # DEC's have their halves exchanged, and an exponent that is larger by two.
+        # In DEC floats the halves are exchanged, and the exponent is larger by two.
         halves = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1]
-        with np.errstate(invalid="ignore"):  # bits that are no number
+        with np.errstate(invalid="ignore"):  # some bits are not numbers
             return np.ascontiguousarray(halves).view("<f4").ravel() / np.float32(4)
 
 
 @dataclass(frozen=True)
 class Head:
-    """What stands before the frames.
+    """Header and parameters of a file.
 
     Attributes:
         points: points in a frame.
         analog: analog samples in a frame, all channels.
-        first: number of the first frame, as the header states it.
-        last: number of the last one; it counts to 65 535.
-        scale: of integers [file unit]; negative: the frames are floats.
-        start: where the frames begin [bytes].
+        first: number of the first frame in the header.
+        last: number of the last frame in the header, at most 65 535.
+        scale: unit of the integers [file unit]; negative: the frames are floats.
+        start: position of the first frame [bytes].
         rate: frames per second [Hz].
-        numbers: how they are written.
+        numbers: number format.
         parameters: group -> name -> value: text, list of texts or array (n,) of numbers.
-        notes: sentences about what contradicts itself.
+        notes: sentences about contradictions in the file.
     """
 
     points: int
@@ -95,7 +95,7 @@ class Head:
         return _first(self.of(group, name))
 
     def texts(self, group: str, name: str) -> list[str]:
-        """Return the texts of a parameter and of those that continue it: LABELS, LABELS2 and on."""
+        """Return the texts of a parameter and its continuations: LABELS, LABELS2 and so on."""
         found: list[str] = []
         number = 1
         while (value := self.of(group, name if number == 1 else f"{name}{number}")) is not None:
@@ -109,12 +109,12 @@ class Head:
 
     @property
     def frame_bytes(self) -> int:
-        """How long a frame is."""
+        """Length of a frame [bytes]."""
         return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
 
 
 def is_c3d(first: bytes) -> bool:
-    """Return whether a file that begins so is a C3D file.
+    """Return whether a file is a C3D file, from its first bytes.
 
     Args:
         first: its first bytes, 255 blocks or all.
@@ -130,34 +130,34 @@ def read_head(path: Path, file: BinaryIO) -> Head:
 
     Args:
         path: the file.
-        file: it, opened, at its begin.
+        file: the opened file, at its start.
 
     Raises:
-        RecordingError: it is no C3D file, cut, or states what cannot be.
+        RecordingError: if it is not a C3D file, is cut, or states an impossible value.
     """
     top = file.read(BLOCK)
     if len(top) < BLOCK or top[1] != _KEY:
         fail(path, "got no C3D header, allowed 512 bytes of which the second is 80")
     begin = BLOCK * (top[0] - 1)
     if begin <= 0:
-        fail(path, f"parameters: got block {top[0]}, allowed one behind the header")
+        fail(path, f"parameters: got block {top[0]}, allowed a block after the header")
     file.seek(begin)
     leading = file.read(4)
     if len(leading) < 4:
-        fail(path, f"parameters: got block {top[0]}, allowed one in the file; it is cut")
+        fail(path, f"parameters: got block {top[0]}, allowed a block in the file; the file is cut")
     if leading[3] not in _PROCESSORS:
         kinds = ", ".join(f"{code} ({name})" for code, name in _PROCESSORS.items())
         fail(path, f"processor: got {leading[3]}, allowed {kinds}")
     numbers = Numbers(_PROCESSORS[leading[3]])
     words = [int(word) % 65536 for word in numbers.integers(top[:26])]
     start = BLOCK * (words[8] - 1)
-    # There may be more of them than one byte can count.
+    # There may be more blocks than one byte can count.
     long = min(max(BLOCK * leading[2], start - begin), _MOST)
     parameters, end = _parameters(path, leading + file.read(long - 4), long, numbers)
     if not words[1]:
-        fail(path, "got no point in a frame, allowed markers; analog data alone are no movement")
+        fail(path, "got no point in a frame, allowed markers; analog data show no movement")
     if not (start > begin + end or BLOCK <= start < begin):
-        fail(path, f"begin of the frames: got byte {start}, allowed one behind the parameters")
+        fail(path, f"begin of the frames: got byte {start}, allowed a byte after the parameters")
     point = parameters.get("POINT", {})
     scale, rate = (float(numbers.floats(top[at : at + 4])[0]) for at in (12, 20))
     hertz, notes = _rate(path, rate, _first(point.get("RATE")))
@@ -176,7 +176,7 @@ def read_head(path: Path, file: BinaryIO) -> Head:
 
 
 def _scale(path: Path, header: float, stated: float | None) -> float:
-    """Return the scale of the points; the parameter is surer than the header."""
+    """Return the scale of the points; the parameter is preferred to the header."""
     scale = stated if stated is not None and isfinite(stated) and stated else header
     if not (isfinite(scale) and scale):
         fail(path, f"scale of the points: got {scale:g}, allowed a number that is not 0")
@@ -184,7 +184,7 @@ def _scale(path: Path, header: float, stated: float | None) -> float:
 
 
 def _rate(path: Path, header: float, stated: float | None) -> tuple[float, tuple[str, ...]]:
-    """Return frames per second, and what is to be said; the parameter is surer than the header."""
+    """Return frames per second, and sentences; the parameter is preferred to the header."""
     low, high = _RATES
     usable = [rate for rate in (stated, header) if rate is not None and low <= rate <= high]
     if not usable:
@@ -192,13 +192,13 @@ def _rate(path: Path, header: float, stated: float | None) -> tuple[float, tuple
     if stated is not None and not low <= stated <= high:
         return usable[0], (
             f"POINT:RATE states {stated:g} frames per second, which no file has: the {header:g} of"
-            " the header are taken.",
+            " the header are used.",
         )
     if abs(usable[0] / usable[-1] - 1) < 1e-3:
         return usable[0], ()
     return usable[0], (
         f"The file states {header:g} frames per second in its header and {stated:g} in POINT:RATE:"
-        " the latter are taken.",
+        " the latter are used.",
     )
 
 
@@ -210,15 +210,15 @@ def _first(value: Any) -> float | None:
 def _parameters(
     path: Path, raw: bytes, long: int, numbers: Numbers
 ) -> tuple[dict[str, dict[str, Any]], int]:
-    """Return group -> name -> value, and where the last one begins.
+    """Return group -> name -> value, and the start of the last parameter [bytes].
 
-    What cannot be read is left out.
+    Values that cannot be read are None.
 
     Args:
         path: the file.
         raw: its parameters.
-        long: how long they should be [bytes].
-        numbers: how they are written.
+        long: length that they should have [bytes].
+        numbers: number format.
     """
     names: dict[int, str] = {}
     values: dict[int, dict[str, Any]] = {}
@@ -233,7 +233,7 @@ def _parameters(
         next_at = step_at + 2
         if next_at > len(raw):
             break
-        # Without a sign: many long labels are longer than one that has one can say.
+        # Read as unsigned, because many long labels exceed a signed integer.
         step = int(numbers.integers(raw[step_at : step_at + 2])[0]) % 65536
         if number < 0:
             names[-number] = name
@@ -243,7 +243,7 @@ def _parameters(
             break
         next_at = step_at + step
     if next_at > len(raw) and len(raw) < long:
-        fail(path, f"got parameters that end within {short(name)}, allowed a whole file")
+        fail(path, f"got parameters that end within {short(name)}, allowed a complete file")
     groups: dict[str, dict[str, Any]] = {}
     for number, group in values.items():
         groups.setdefault(names.get(number, str(number)), {}).update(group)
@@ -279,7 +279,7 @@ def _texts(data: bytes, shape: list[int]) -> str | list[str]:
 
 
 def _text(raw: bytes) -> str:
-    """Return a text, without what fills it up and what cannot be printed."""
+    """Return a text without padding and without characters that cannot be printed."""
     try:
         text = raw.decode("utf-8")
     except UnicodeDecodeError:
@@ -288,5 +288,5 @@ def _text(raw: bytes) -> str:
 
 
 def fail(path: Path, problem: str) -> NoReturn:
-    """Refuse a file."""
+    """Raise a RecordingError about a file."""
     raise RecordingError(f"{path.name}: {problem}")

@@ -1,4 +1,4 @@
-"""What the columns of a table of positions are, by the rows above the numbers."""
+"""Meaning of the columns in a table of positions, from the rows above the numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.names import squashed
 
 _LONGEST: Final = 100
-"""Letters in a name, at most: what is longer is no name, and slow to be taken apart."""
+"""Largest number of letters in a name; longer words are ignored, because parsing them is slow."""
 _AXIS: Final = re.compile(r"t?(?P<axis>[xyz])\d*", re.IGNORECASE)
 _COLUMN: Final = re.compile(
     r"(?P<name>.*?)[\s._:/-]*(?:pos(?:ition)?[\s._:/-]*|(?<=[\s._:/-])t)?(?P<axis>[xyz])\d*"
@@ -28,13 +28,13 @@ _NO_PLACE: Final = re.compile(
     r"vel|velocity|acc|accel|acceleration|gyro|mag)|.*(?:Quat|Quaternion|Rot|Rotation|Orientation|"
     r"Vel|Velocity|Acc|Acceleration))"
 )
-"""How names of columns with x, y and z end that are no places."""
+"""Names of columns with x, y and z that are not positions."""
 _OTHER: Final = re.compile(
     r"(?:q|quat|quaternion|rot|rotation|ori|orient|orientation|euler|angles?|v|vel|velocity|a|acc|"
     r"accel|acceleration|w|gyro|mag|roll|pitch|yaw|(?:joint[\s_]?)?id)[\s._:/-]*[wxyz0-3]?",
     re.IGNORECASE,
 )
-"""Heads of a joint's columns that are known, and neither places nor how surely they are seen."""
+"""Known heads of a joint's columns that are neither positions nor confidences."""
 _SURE: Final = re.compile(
     r"(?P<name>.*?)[\s._:/-]*(?P<head>confidence(?:[\s_]?level)?|visibility|likelihood|score|"
     r"quality|(?:joint)?tracking[\s_]?state|(?:(?<=[\s._:/-])|\A)(?:conf|state|tracked|valid|"
@@ -47,20 +47,20 @@ _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 
 @dataclass(frozen=True)
 class Layout:
-    """What the columns of a table are.
+    """Meaning of the columns of a table.
 
     Attributes:
         points: name -> the columns of x, y and z.
-        width: columns.
-        heads: of the columns, as messages name them.
-        sure: the columns that say how surely points are seen.
+        width: number of columns.
+        heads: names of the columns in messages.
+        sure: the confidence columns.
         time: the column of the times, or None.
-        fine: the column of what is to be added to them [ns], or None.
+        fine: the column of nanoseconds that are added to the times, or None.
         tick: unit of the times [s], or None.
-        frame: the column of the frames' numbers, or None.
-        whose: the column that says whose row it is, or None.
+        frame: the column of the frame numbers, or None.
+        whose: the column that states the person of a row, or None.
         unit: unit of length [m], or None.
-        unread: columns of points that are not understood.
+        unread: columns of points whose meaning is unknown.
     """
 
     points: dict[str, tuple[int, int, int]]
@@ -76,14 +76,14 @@ class Layout:
     unread: Sequence[int] = ()
 
     def head(self, column: int) -> str:
-        """Return how a column is called."""
+        """Return the name of a column for messages."""
         named = self.heads[column] if column < len(self.heads) else ""
         return named or f"number {column + 1}"
 
 
 @dataclass
 class _Found:
-    """What the words of a row are, by their columns."""
+    """Meaning of the words in the row of names, by column."""
 
     axes: dict[str, dict[str, int]] = field(default_factory=dict)
     twice: dict[str, str] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class _Found:
     tick: float | None = None
 
     def add(self, column: int, word: str) -> None:
-        """Find out what a column is."""
+        """Add a column with its word."""
         is_time, tick = time_head(word)
         bare = squashed(word)
         if is_time:
@@ -119,15 +119,15 @@ class _Found:
 
 
 def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
-    """Return what the rows above the numbers state.
+    """Return the layout that the rows above the numbers state.
 
     Args:
         lines: the file, for messages.
         head: the rows, in words.
-        width: numbers in the first row.
+        width: number of words in the first row of numbers.
 
     Raises:
-        RecordingError: they name no points.
+        RecordingError: if they name no points.
     """
     head, unit, tick = _without_units(head)
     row = _named(head)
@@ -142,8 +142,8 @@ def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
     }
     if not points:
         lines.fail(
-            f"got the columns {some([short(word) for word in row if word], 6)}, allowed three for"
-            " each joint, such as neck.x, neck.y, neck.z"
+            f"got the columns {some([short(word) for word in row if word], 6)}, allowed three"
+            " columns for each joint, such as neck.x, neck.y, neck.z"
         )
     if again := [word for name, word in found.twice.items() if name in points]:
         lines.fail(f"got the column {short(again[0])} twice, allowed each once")
@@ -176,7 +176,7 @@ def layout_asked(lines: TextLines, first: list[str], asked: Asked) -> Layout:
         asked: the names.
 
     Raises:
-        RecordingError: there are no names, or not a third of the numbers.
+        RecordingError: if there are no names, or their number is not a third of the numbers.
     """
     line, width = lines.line + 1, 3 * len(asked.columns)
     while len(first) > width and not first[-1]:
@@ -188,7 +188,7 @@ def layout_asked(lines: TextLines, first: list[str], asked: Asked) -> Layout:
             line,
         )
     if len(set(asked.columns)) < len(asked.columns):
-        lines.fail("columns: got a name twice, allowed different ones", line)
+        lines.fail("columns: got a name twice, allowed different names", line)
     if width != len(first):
         lines.fail(
             f"got {len(first)} numbers and {len(asked.columns)} names (columns), allowed three"
@@ -202,7 +202,7 @@ def layout_asked(lines: TextLines, first: list[str], asked: Asked) -> Layout:
 def _without_units(
     head: list[list[str]],
 ) -> tuple[list[list[str]], float | None, float | None]:
-    """Return the rows but for one of units, as some programs write it last, and what it states."""
+    """Return the rows without a last row of units, and its units of length [m] and time [s]."""
     units = [word.strip("[]()").lower() for word in head[-1] if word]
     lengths = [_METRES[word] for word in units if word in _METRES]
     ticks = [tick_of(word) for word in units if word not in _METRES]
@@ -212,7 +212,7 @@ def _without_units(
 
 
 def _named(head: list[list[str]]) -> list[str]:
-    """Return the names of the columns, of which the joints' may be in the row above the axes."""
+    """Return the names of the columns; the joints' names may be in a row above the axes."""
     row = head[-1]
     axes = [_AXIS.fullmatch(word) for word in row]
     if len(head) < 2 or sum(map(bool, axes)) < 3:
@@ -233,7 +233,7 @@ def _is_place(name: str) -> bool:
 
 
 def _spread(names: list[str]) -> list[str]:
-    """Return the names above the coordinates, one for each column: blanks belong to the last."""
+    """Return the names above the coordinates, one per column; a blank repeats the last name."""
     found, last = [], ""
     for name in names:
         last = name or last
@@ -242,7 +242,7 @@ def _spread(names: list[str]) -> list[str]:
 
 
 def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int | None]:
-    """Return the columns of times and of their nanoseconds, where seconds have such beside them."""
+    """Return the columns of the times and of nanoseconds that belong to a column of seconds."""
     places = {word.lower(): column for column, word in reversed(list(enumerate(row)))}
     for word, column in reversed(places.items()):
         if len(word) <= _LONGEST and (match := _NANO.fullmatch(word)):
@@ -254,7 +254,7 @@ def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int
 
 
 def _unread(row: list[str], points: Iterable[str], others: list[int]) -> list[int]:
-    """Return the columns that are of a point by their heads, and not understood."""
+    """Return the columns that belong to a point by their heads, but have no known meaning."""
     known = {name.lower() for name in points}
     found = []
     for column in others:

@@ -1,4 +1,4 @@
-"""Which format a recording has, by what is in it: endings are often wrong."""
+"""Format of a recording, from its content, because endings are often wrong."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.registry import registered
 
 _LOOKED_AT: Final = 1 << 17
-"""Bytes by which a format is known: a C3D file's parameters begin in them."""
+"""Bytes in which the mark of a format is searched; a C3D file's parameters begin in them."""
 _ROW: Final = 6
-"""Numbers in a row of a table, at least: two points."""
+"""Least number of numbers in a row of a table: two points."""
 _COMPRESSED: Final = (
     *(b"\x1f\x8b", b"PK\3\4", b"PK\5\6", b"7z\xbc\xaf\x27\x1c", b"\xfd7zXZ\0"),
     *(b"BZh", b"\x28\xb5\x2f\xfd", b"Rar!\x1a\7"),
 )
-"""How files of gzip, zip, 7z, xz, bzip2, Zstandard and RAR begin."""
+"""First bytes of files of gzip, zip, 7z, xz, bzip2, Zstandard and RAR."""
 _SHEETS: Final = (b"[Content_Types].xml", b"xl/", b"opendocument.spreadsheet")
-"""What is at the begin of a zip file that is a table of a spreadsheet program."""
+"""Texts near the start of a zip file that a spreadsheet program has written."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Kind:
     """A format.
 
     Attributes:
-        title: how it is called in messages.
-        endings: of its files, in small letters.
+        title: its name in messages.
+        endings: endings of its files, in small letters.
         read: its reader.
     """
 
@@ -67,21 +67,21 @@ TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), read_table)
 BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), read_bag)
 BODIES: Final = Kind("folder of poses", (), read_bodies)
 KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG, BODIES)
-"""What is read, with the endings that the files of each usually have."""
+"""The formats that are read, with the usual endings of their files."""
 
 
 def kind_of(path: Path) -> Kind:
     """Return the format of a file or folder.
 
-    What has no mark of any format is of the one that its ending tells.
+    If the content has no mark of a format, the ending decides.
 
     Args:
         path: the file or folder.
 
     Raises:
-        RecordingError: it is of no format that is known.
+        RecordingError: if the format is unknown.
     """
-    if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
+    if os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
         if is_bag(path):
             return BAG
         if is_folder_of_bodies(path):
@@ -93,7 +93,7 @@ def kind_of(path: Path) -> Kind:
     ending = path.suffix.lower()
     of_ending = next((kind for kind in KINDS if ending in kind.endings), None)
     if of_ending is not None and not os.path.isfile(path):
-        return of_ending  # its reader says what is there instead
+        return of_ending  # its reader raises the error
     first = beginning(path, _LOOKED_AT)
     if first.startswith(_COMPRESSED):
         if first.startswith(b"PK") and any(word in first for word in _SHEETS):
@@ -122,7 +122,7 @@ def kind_of(path: Path) -> Kind:
 
 
 def _marked(first: bytes) -> Kind | None:
-    """Return the format whose mark a file begins with; None for none."""
+    """Return the format whose mark is at the start of a file; None if there is none."""
     if first.startswith(tuple(MARKS)):
         return BAG
     if is_c3d(first):
@@ -138,14 +138,14 @@ def _marked(first: bytes) -> Kind | None:
         return MOTIVE
     if section_of(text.partition("\n")[0]):
         return NEXUS
-    # Line by line: a pattern that may begin at every line and go on to the last takes for ever.
+    # Line by line, because one pattern over all lines could take very long.
     if any(re.fullmatch(r"\W*endheader\W*", row, re.IGNORECASE) for row in text.split("\n")):
         return STORAGE
     return None
 
 
 def _is_table(first: bytes) -> bool:
-    """Return whether a line of several numbers is among the first ones of a text."""
+    """Return whether one of the first lines of a text is a row of numbers."""
     if b"\0" in first:
         return False
     lines = first.decode("utf-8-sig", "replace").splitlines()[:20]

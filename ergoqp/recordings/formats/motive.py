@@ -1,8 +1,8 @@
 """OptiTrack Motive's export of a take: bones, rigid bodies and markers as CSV.
 
 Seven rows stand above the numbers: the take, a blank, the type of each column, the name, its ID,
-what it measures, and the axis (OptiTrack, "Data Export: CSV"; versions 1.21 and 1.23 were read as
-files of others).
+the measured quantity, and the axis (OptiTrack, "Data Export: CSV"; tried on files by others of the
+versions 1.21 and 1.23).
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ _STATED: Final = (
     "Coordinate Space",
 )
 _ROUNDED: Final = 0.6e-3
-"""Some takes have their times in whole milliseconds [s]."""
+"""Largest error of times that are rounded to whole milliseconds [s]."""
 
 
 @dataclass
 class _Thing:
-    """What Motive tracks: a bone, a rigid body or a marker.
+    """A thing that Motive tracks: a bone, a rigid body or a marker.
 
     Attributes:
         kind: Motive's type.
-        name: Motive's name; things of different types may share it.
+        name: Motive's name; things of different types may have the same name.
         columns: "Position" or "Rotation" -> axis -> column.
-        twice: whether a column of it is there twice.
+        twice: whether the file has one of its columns twice.
     """
 
     kind: str
@@ -75,11 +75,11 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: unused, a take states its rate.
+        progress: is called with the share of the file that is read.
+        asked: unused, because a take states its rate.
 
     Raises:
-        RecordingError: it is no such take, or nothing is tracked in it.
+        RecordingError: if it is not such a take, or nothing is tracked in it.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
@@ -141,17 +141,17 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 
 def _stated(lines: TextLines) -> Mapping[str, str]:
-    """Return what the first row says."""
+    """Return the keys and values in the first row."""
     words = cells(lines.next("the row 'Format Version'"), ",")
-    # Names and notes of takes may have commas: not every second word is a key.
+    # Names and notes of takes may contain commas, so not every second word is a key.
     stated = {key: value for key, value in itertools.pairwise([*words, ""]) if key in _STATED}
     if "Format Version" not in stated:
         lines.fail(f"got {short(words[0])}, allowed 'Format Version'")
     rotation = stated.get("Rotation Type", "Quaternion")
     if rotation != "Quaternion":
         lines.fail(
-            f"Rotation Type: got {short(rotation)}, allowed Quaternion: Motive's other ones are not"
-            " read; export the take with it"
+            f"Rotation Type: got {short(rotation)}, allowed Quaternion: Motive's other types are"
+            " not read; export the take with quaternions"
         )
     space = stated.get("Coordinate Space", "Global")
     if space != "Global":
@@ -160,16 +160,18 @@ def _stated(lines: TextLines) -> Mapping[str, str]:
 
 
 def _things(lines: TextLines) -> tuple[list[_Thing], int]:
-    """Return what is tracked and has a position, and how many columns there are."""
+    """Return the tracked things that have a position, and the number of columns."""
     head: list[list[str]] = []
     while not head or head[-1][:1] != ["Frame"]:
         row = cells(lines.next("the row 'Frame'"), ",")
         if any(row):
             head.append(row)
         if len(head) > 8 or lines.line > 100:
-            lines.fail("got more than 8 rows above the numbers, allowed a take's")
+            lines.fail("got more than 8 rows above the numbers, allowed those of a take")
     if len(head) < 4:
-        lines.fail("got too few rows above the numbers, allowed type, name, ID, what and axis")
+        lines.fail(
+            "got too few rows above the numbers, allowed type, name, ID, measured quantity and axis"
+        )
     axes, what = head[-1], head[-2]
     kinds, names = head[0], head[1]
     if not "".join(axes[1:2]).startswith("Time"):
@@ -187,7 +189,12 @@ def _things(lines: TextLines) -> tuple[list[_Thing], int]:
 
 
 def _times(numbered: np.ndarray, stated: Mapping[str, str]) -> np.ndarray:
-    """Return the times of frames, given with their numbers (n, 2), as exactly as they are known."""
+    """Return the times of frames [s], from the rate if that agrees with the rounded times.
+
+    Args:
+        numbered: number and time of each frame (n, 2).
+        stated: keys and values in the first row.
+    """
     frames, stamps = numbered.T
     rate = stated.get("Export Frame Rate", "").replace(",", ".")
     if is_number(rate) and 1.0 <= float(rate) <= 10_000.0:
@@ -203,6 +210,6 @@ def _counted(path: Path, stated: Mapping[str, str], found: int) -> list[str]:
         return []
     if total > found:
         raise RecordingError(
-            f"{path.name}: got {found} frames, allowed {total}, as is stated; the recording is cut"
+            f"{path.name}: got {found} frames, allowed {total} as stated; the recording is cut"
         )
     return [f"The file states {total} frames and has {found}: all are read."]

@@ -1,8 +1,8 @@
 """Xsens MVN's export of a recording as XML: poses of 23 segments, and joint angles.
 
-A segment's place is that of the joint it begins in; z is up, lengths are metres, quaternions are
-w, x, y, z (Xsens, "MVN User Manual", MVNX; version 3 was read as a file of others, version 4 is
-the same in what is read here).
+The position of a segment is that of the joint at which it begins. z is up, lengths are in metres,
+and quaternions are w, x, y, z (Xsens, "MVN User Manual", MVNX). Version 3 was tried on a file by
+others; in what is read here, version 4 is the same.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.motion import JointMotion
 
 _PROLOG: Final = 1 << 20
-"""Bytes in which the first element begins."""
+"""Number of bytes in which the first element has to begin."""
 _CHUNK: Final = 1 << 18
-"""Bytes that are read at once: a parser may look at what has no end yet again and again."""
+"""Bytes that are read at once; a parser may scan an unfinished element again with each chunk."""
 _LONGEST: Final = 64
-"""Of them without the begin or end of an element, at most."""
+"""Largest number of chunks in a row without the start or end of an element."""
 _DEEPEST: Final = 50
-"""Elements in elements; Xsens has seven."""
+"""Largest depth of nested elements; Xsens has seven."""
 
 
 def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     """Return segments and joint angles of a recording; its calibration poses are left out.
 
-    Of several people each name begins with whose it is: "Anna:Pelvis".
+    With several people, the names get the person as a prefix: "Anna:Pelvis".
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: unused, the file states its rate.
+        progress: is called with the share of the file that is read.
+        asked: unused, because the file states its rate.
 
     Raises:
-        RecordingError: it is no whole MVNX file.
+        RecordingError: if it is not a complete MVNX file.
     """
     with binary(path) as file:
         size = max(path.stat().st_size, 1)
@@ -54,7 +54,7 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             tag = _tag(element)
             if begins and tag == "subject":
                 people.append(Wearer.begun(path, element.get("label"), element.get("frameRate")))
-            # The segments of hands have the same tag, and elsewhere their places.
+            # The segments of hands have the same tag, but another parent.
             elif begins and (tag, parent) in {("segment", "segments"), ("joint", "joints")}:
                 _last(path, people).append(tag, element.get("label") or "")
             elif not begins and tag == "frame":
@@ -70,14 +70,14 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 
 def _last(path: Path, people: list[Wearer]) -> Wearer:
-    """Return the person whose data is being read."""
+    """Return the person whose data is being read; raise if there is none."""
     if not people:
         raise lacking(path)
     return people[-1]
 
 
 def _check_declarations(path: Path, file: BinaryIO) -> None:
-    """Refuse a file that declares what stands for other text: a kilobyte can become gigabytes."""
+    """Raise if a file has its own declarations: by entities, a kilobyte can become gigabytes."""
     parser = expat.ParserCreate()
     begun: list[bool] = []
 
@@ -85,12 +85,12 @@ def _check_declarations(path: Path, file: BinaryIO) -> None:
         if own:
             raise RecordingError(
                 f"{path.name}, line {parser.CurrentLineNumber}: got declarations of its own"
-                " (DOCTYPE), allowed an MVNX file without"
+                " (DOCTYPE), allowed an MVNX file without them"
             )
 
     parser.StartDoctypeDeclHandler = declared
     parser.StartElementHandler = lambda *_: begun.append(True)
-    # What is no XML is told when it is read.
+    # Invalid XML is reported when the file is read.
     with suppress(expat.ExpatError, ValueError, LookupError):
         while not begun and (text := file.read(_PROLOG >> 4)):
             parser.Parse(text)
@@ -103,9 +103,9 @@ def _check_declarations(path: Path, file: BinaryIO) -> None:
 
 
 def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any, bool]]:
-    """Return the elements of an XML file as they begin (True) and end, and the parent's tag.
+    """Yield parent's tag, element and whether it begins or ends, for an XML file.
 
-    When an element ends its children are gone, but a frame's.
+    When an element ends, its children have been removed, except those of a frame.
     """
     above: list[Any] = []
     try:
@@ -132,7 +132,7 @@ def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any, bool]]:
 
 
 def _events(path: Path, file: BinaryIO) -> Iterator[Any]:
-    """Return what the parser tells of a file."""
+    """Yield the events of the XML parser for a file."""
     parser = ElementTree.XMLPullParser(("start", "end"))
     quiet = 0
     while text := file.read(_CHUNK):

@@ -1,4 +1,4 @@
-"""Who wears the suit in an MVNX file, frame by frame, and several of them as one motion."""
+"""The people in an MVNX file, frame by frame, and several of them as one motion."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from ergoqp.recordings.formats.rows import LARGEST, Gathered, count_of
 from ergoqp.recordings.motion import JointMotion
 
 _AXES: Final = ("abduction", "rotation", "flexion")
-"""Of the three angles of a joint, in Xsens' order z, x, y of axes."""
+"""Names of the three angles of a joint, in Xsens' order of the axes z, x, y."""
 _BLOCK: Final = 4000
 
 
 @dataclass(eq=False)
 class Wearer:
-    """What one subject of the file does.
+    """The data of one subject of the file.
 
     Attributes:
         path: the file.
         label: the subject's name.
         rate: frames per second [Hz].
-        segments: their names.
-        joints: likewise.
-        indices: of the frames so far.
-        posed: how many frames were calibration poses.
-        gathered: places, quaternions and joint angles of the frames.
+        segments: names of the segments.
+        joints: names of the joints.
+        indices: indices of the frames so far.
+        posed: number of frames that were calibration poses.
+        gathered: positions, quaternions and joint angles of the frames.
     """
 
     path: Path
@@ -50,10 +50,10 @@ class Wearer:
 
     @classmethod
     def begun(cls, path: Path, label: str | None, rate: str | None) -> Wearer:
-        """Return a subject of which nothing is read yet.
+        """Return a subject without data.
 
         Raises:
-            RecordingError: the rate is none.
+            RecordingError: if the rate is invalid.
         """
         try:
             stated = float(rate or "")
@@ -67,13 +67,13 @@ class Wearer:
         return cls(path, label or "", stated)
 
     def append(self, what: str, label: str) -> None:
-        """Add the label of a segment or joint, which may not stand behind a frame."""
+        """Add the label of a segment or joint; raise if it comes after a frame, or again."""
         labels = self.segments if what == "segment" else self.joints
         if not label or label in labels or self.indices:
-            problem = "behind a frame" if self.indices else "twice" if label else "without a name"
+            problem = "after a frame" if self.indices else "twice" if label else "without a name"
             raise RecordingError(
                 f"{self.path.name}: got the {what} {short(label)} {problem}, allowed each once and"
-                " above the frames"
+                " before the frames"
             )
         labels.append(label)
 
@@ -81,10 +81,10 @@ class Wearer:
         """Add a frame; return whether a block is full.
 
         Args:
-            kind: normal, or the name of a calibration pose.
-            index: its number.
-            found: tag -> text of what is in it.
-            share: of the file that is read.
+            kind: "normal", or the name of a calibration pose.
+            index: its number in words.
+            found: tag -> text of its children.
+            share: share of the file that is read.
         """
         if kind != "normal":
             self.posed += 1
@@ -110,10 +110,10 @@ class Wearer:
         return not self._block
 
     def motion(self) -> tuple[JointMotion, np.ndarray]:
-        """Return all of it, without times, and the frames' indices.
+        """Return the whole motion, without times, and the frames' indices.
 
         Raises:
-            RecordingError: there is no frame.
+            RecordingError: if there is no frame.
         """
         if not self.segments:
             raise lacking(self.path)
@@ -144,7 +144,7 @@ class Wearer:
         return motion, np.array(self.indices)
 
     def _row(self, index: str, found: dict[str, str]) -> list[float]:
-        """Return places, quaternions and joint angles of a frame."""
+        """Return positions, quaternions and joint angles of a frame."""
         row: list[float] = []
         for what, width in (
             ("position", 3 * len(self.segments)),
@@ -181,7 +181,7 @@ class Wearer:
 
 
 def _is_read(word: str) -> bool:
-    """Return whether a word is a number that can be of a person."""
+    """Return whether a word is a number that is not too large."""
     try:
         return "_" not in word and abs(float(word)) <= LARGEST
     except ValueError:
@@ -189,18 +189,18 @@ def _is_read(word: str) -> bool:
 
 
 def lacking(path: Path) -> RecordingError:
-    """Return what is to be said of a file without segments."""
+    """Return the error for a file without segments."""
     return RecordingError(f"{path.name}: got no segments, allowed an MVNX file with a subject")
 
 
 def together(path: Path, people: list[Wearer]) -> tuple[JointMotion, np.ndarray]:
-    """Return everybody's motion, without times, and when its frames are [s].
+    """Return everybody's motion, without times, and the times of its frames [s].
 
-    Of several people each name begins with whose it is; who has no frame where another has one is
-    not seen there.
+    With several people, the names get the person as a prefix. A person without a frame at a time at
+    which another one has a frame is not seen then.
 
     Raises:
-        RecordingError: two have the same name, or other rates.
+        RecordingError: if two people have the same name, or different rates.
     """
     if not people:
         raise lacking(path)
@@ -213,8 +213,8 @@ def together(path: Path, people: list[Wearer]) -> tuple[JointMotion, np.ndarray]
     if len(labels) < len(people) or "" in labels:
         named = ", ".join(short(each.label) for each in people)
         raise RecordingError(
-            f"{path.name}: got {len(people)} people with the labels {named}, allowed a name of"
-            " their own for each"
+            f"{path.name}: got {len(people)} people with the labels {named}, allowed a different"
+            " name for each"
         )
     if len({each.rate for each in people}) > 1:
         rates = ", ".join(f"{each.rate:g}" for each in people)

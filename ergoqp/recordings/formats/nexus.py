@@ -1,8 +1,8 @@
 """Vicon Nexus' ASCII export: the trajectories of markers as CSV, below other sections or alone.
 
 A section is its name, its rate, a row of names, "Frame, Sub Frame, X, Y, Z, ...", a row of units,
-the numbers and an empty line (Vicon, "Nexus User Guide", ASCII export). No file of others was at
-hand.
+the numbers and an empty line (Vicon, "Nexus User Guide", ASCII export). It was not tried on a file
+by others.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: unused, the file states its rate.
+        progress: is called with the share of the file that is read.
+        asked: unused, because the file states its rate.
 
     Raises:
-        RecordingError: it is no such file, or has no trajectories.
+        RecordingError: if it is not such a file, or has no trajectories.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
@@ -75,7 +75,7 @@ def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             block = values[:, columns].astype(np.float32).reshape(len(values), -1, 3)
             places.add(block, lines.share)
     if not frames:
-        raise RecordingError(f"{path.name}: got no frame of trajectories, allowed a movement")
+        raise RecordingError(f"{path.name}: got no frame of trajectories, allowed rows of numbers")
     positions = places.whole
     time, kept, notes = seconds(path.name, frames.whole / float(stated), 1.0, [positions])
     positions = positions if kept.all() else positions[kept]
@@ -93,11 +93,11 @@ def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 
 def _points(lines: TextLines, names: list[str], axes: list[str]) -> tuple[dict[str, int], int]:
-    """Return the labelled markers with the column of their x, and how many have no label."""
+    """Return labelled marker -> column of its x, and the number of markers without a label."""
     found = {i: name for i, name in enumerate(names) if name and axes[i : i + 3] == ["x", "y", "z"]}
     points = {name: i for i, name in found.items() if not nameless(name)}
     if not points:
-        lines.fail("got no marker with a name, allowed one above each X, Y, Z")
+        lines.fail("got no marker with a name, allowed a name above each X, Y, Z")
     twice = [name for name, count in Counter(found.values()).items() if count > 1]
     if again := [name for name in twice if name in points]:
         lines.fail(f"got the marker {short(again[0])} twice, allowed each once")

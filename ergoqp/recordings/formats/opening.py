@@ -1,4 +1,4 @@
-"""Files that anybody may have written, opened without trusting them."""
+"""Opening of untrusted files, and parts of messages about them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ergoqp.errors import RecordingError
 
 @contextmanager
 def binary(path: Path) -> Iterator[BinaryIO]:
-    """Open a file, or say why not."""
+    """Open a file; raise a RecordingError if that fails."""
     try:
         # Opening a pipe or a device would wait for someone to write.
         if path.exists() and not path.is_file():
@@ -32,18 +32,18 @@ def binary(path: Path) -> Iterator[BinaryIO]:
 
 
 def beginning(path: Path, size: int = 4096) -> bytes:
-    """Return the first bytes of a file, or say why there are none."""
+    """Return the first bytes of a file; raise a RecordingError if it cannot be read."""
     with binary(path) as file:
         return file.read(size)
 
 
 def short(text: str) -> str:
-    """Quote what was found, cut so that a message stays one readable sentence."""
+    """Return a quoted text, cut so that a message stays readable."""
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
 def some(names: tuple[str, ...] | list[str], most: int = 12) -> str:
-    """List names, not more than a sentence bears."""
+    """Return a list of names in words, cut so that a sentence stays readable."""
     shown = ", ".join(name if len(name) <= 40 else name[:37] + "..." for name in names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 

@@ -1,8 +1,8 @@
-"""From the joint angles of OpenSim's motion files to joint centres.
+"""Joint centres from the joint angles of OpenSim's motion files.
 
-The angles are those of a model that the file does not name; its coordinates tell. Its segments are
-turned as it turns them and get the lengths of a person, so the way from centres to postures is that
-of all other recordings.
+The file does not name the model of its angles; the names of its coordinates determine it. The
+segments are rotated as in the model and get the lengths of a person. The postures are then computed
+from the joint centres as for all other recordings.
 """
 
 from __future__ import annotations
@@ -26,25 +26,26 @@ if TYPE_CHECKING:
 
 _AXIAL: Final = ("pelvis", "trunk")
 _POSE: Final = ("_rotx", "_roty", "_rotz", "_transx", "_transy", "_transz")
-"""How the coordinates of a thing end."""
+"""Endings of the coordinates of an object."""
 Turns = dict[str, tuple["Rotation", np.ndarray]]
-"""Segment -> how it is turned in the axes of the model, and where that is known (n,) bool."""
+"""Segment -> its orientation in the axes of the model, and whether that is known (n,) bool."""
 _BLOCK: Final = 8192
-"""Frames at once: an hour is more than fits."""
+"""Frames that are computed at once, because an hour does not fit into memory."""
 
 
 def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMotion:
-    """Return the joint centres that the joint angles of an OpenSim model place.
+    """Return the joint centres that the joint angles of an OpenSim model determine.
 
     x is forward, y up and z to the right. Centres that the file does not determine are left out.
 
     Args:
-        motion: the angles, as of `ergoqp.recordings.formats.storage.read_storage`.
+        motion: the angles, as `ergoqp.recordings.formats.storage.read_storage` returns them.
         where: the file's name, for messages.
-        body: whose lengths are taken; None: those of an average person.
+        body: the person whose lengths are used; None: an average person.
 
     Raises:
-        RecordingError: the coordinates are those of no known model, or the angles no person's.
+        RecordingError: if the coordinates are those of no known model, or the angles cannot be
+            those of a person.
     """
     angles = {
         name.lower(): np.asarray(each, dtype=float)
@@ -85,7 +86,7 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
 
 
 def is_of_model(names: Iterable[str]) -> bool:
-    """Return whether some joint angles are the coordinates of a model that is known."""
+    """Return whether some joint angles are the coordinates of a known model."""
     known = {name.lower() for path in names if (name := coordinate_of(path)) is not None}
     return any(known.issuperset(model.telling) for model in MODELS)
 
@@ -97,15 +98,15 @@ def _model_of(angles: Angles, where: str) -> OpenSimModel:
     known = {model.title: some(model.coordinates) for model in reversed(MODELS)}
     allowed = "; ".join(f"{title}: {names}" for title, names in reversed(known.items()))
     raise RecordingError(
-        f"{where}: got the coordinates {some(list(angles))}, which place no trunk, allowed those"
-        f" of a known model ({allowed})"
+        f"{where}: got the coordinates {some(list(angles))}, which do not place a trunk, allowed"
+        f" those of a known model ({allowed})"
     )
 
 
 def _places(
     model: OpenSimModel, angles: Angles, count: int, body: Body
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return centre -> positions (n, 3) [m], and the coordinates that lack."""
+    """Return centre -> positions (n, 3) [m], and the missing coordinates."""
     turns, lacking = _turns(model, angles, count)
     size, nothing = body.lengths, np.zeros(count)
     origin = np.array(model.origin)
@@ -123,7 +124,7 @@ def _places(
 
 
 def _bones(body: Body) -> Iterable[tuple[str, str, str, np.ndarray]]:
-    """Return each centre, the one before, the segment between them, and the way along its axes."""
+    """Yield each centre, the one before, the segment between, and the offset in its axes (3,)."""
     size = body.lengths
     for centre, start, segment, offset in (
         ("neck", "pelvis", "trunk", (0.0, size["trunk"], 0.0)),
@@ -145,7 +146,7 @@ def _bones(body: Body) -> Iterable[tuple[str, str, str, np.ndarray]]:
 
 
 def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list[str]]:
-    """Return how the segments are turned that are known, and the coordinates that lack."""
+    """Return the orientations of the segments that are determined, and the missing coordinates."""
     from scipy.spatial.transform import Rotation
 
     found: Turns = {}
@@ -175,7 +176,7 @@ def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list
 
 
 def _about(axis: np.ndarray, angle: np.ndarray) -> Rotation:
-    """Return turns by angles (n,) [rad]; none where they are not known."""
+    """Return rotations by angles (n,) [rad]; the identity where an angle is unknown."""
     from scipy.spatial.transform import Rotation
 
     known = np.where(np.isfinite(angle), angle, 0.0)
@@ -183,12 +184,12 @@ def _about(axis: np.ndarray, angle: np.ndarray) -> Rotation:
 
 
 def _turned(turn: tuple[Rotation, np.ndarray], offset: np.ndarray) -> np.ndarray:
-    """Return a way along a segment's axes in those of the model (n, 3); NaN where not known."""
+    """Return an offset in a segment's axes in those of the model (n, 3); NaN where unknown."""
     return np.where(turn[1][:, None], turn[0].apply(offset), np.nan)
 
 
 def _objects(model: OpenSimModel, angles: Angles) -> dict[str, np.ndarray]:
-    """Return the poses (n, 4, 4) of things that the file has, in the axes of the centres."""
+    """Return the poses (n, 4, 4) of the objects in the file, in the axes of the centres."""
     found, back = {}, _fixed(model.ground).inv()
     for name in (each.removesuffix(_POSE[0]) for each in angles if each.endswith(_POSE[0])):
         if any(name + end not in angles for end in _POSE):
@@ -206,7 +207,7 @@ def _objects(model: OpenSimModel, angles: Angles) -> dict[str, np.ndarray]:
 
 
 def _fixed(steps: tuple[Step, ...]) -> Rotation:
-    """Return one turn that is made of fixed angles."""
+    """Return the product of rotations by fixed angles."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.identity()

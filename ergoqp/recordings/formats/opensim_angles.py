@@ -1,7 +1,7 @@
-"""Whether joint angles of an OpenSim model are those of a person: their unit, their hinges' signs.
+"""Check of the joint angles of an OpenSim model: their unit, and the signs of the hinges.
 
-Files state the unit of their angles wrongly, and hinges bend the other way in some models. Either
-is another posture, and nothing later shows it.
+Some files state the unit of their angles wrongly, and in some models hinges bend the other way.
+Both give another posture, which no later check would notice.
 """
 
 from __future__ import annotations
@@ -20,42 +20,42 @@ Angles = Mapping[str, np.ndarray]
 
 _HEADINGS: Final = ("pelvis_rotation", "thorax_rotation", "ground_thorax_rot_y")
 _ABOUT: Final = ("plane_elv", "axial_rot", "shoulder_plane", "shoulder_rotation")
-"""Of an arm that hangs only the sum of these shows: either may turn on and on."""
+"""In a hanging arm only the sum of two of these is determined, so each may turn without limit."""
 _MOST: Final = 3.6
-"""No joint turns farther [rad]."""
+"""Largest angle of any other joint [rad]."""
 _LEAST: Final = np.radians(0.1)
-"""What is less may be noise [rad]."""
+"""Smaller angles may be noise [rad]."""
 _SMALL: Final = np.radians(4)
-"""In a file without a larger angle nobody bends [rad]; as numbers, radians are not larger."""
+"""Nobody bends in a file without a larger angle [rad]; radians taken as degrees look like it."""
 _FEW: Final = 3
-"""So many joints that are small and move are not small."""
+"""Number of joints with small angles that have to move before the person counts as moving."""
 _SWAYS: Final = np.radians(0.6)
-"""Who stands still moves few joints farther [rad]."""
+"""Range of a joint that few joints exceed in a person who stands still [rad]."""
 _STANDS: Final = 0.15
-"""Nor the pelvis, or the thorax [m]."""
+"""Range of the pelvis, or the thorax, in a person who stands still [m]."""
 _KNEES: Final = ("knee_angle_r", "knee_angle_l")
 _ELBOWS: Final = ("elbow_flexion", "elbow_flex_r", "elbow_flex_l")
 BENT: Final = np.radians(0.5)
-"""No elbow or knee is bent less [rad]: a straight one would not show how the limb is turned, which
-the file tells, and one that is bent backward would show the opposite."""
+"""Least bend that an elbow or knee is given [rad]: a straight one would not show the rotation of
+the limb, which the file states, and one that is bent backward would show the opposite rotation."""
 _SHOWN: Final = np.radians(5)
-"""A hinge that is bent by less shows no sign [rad]."""
+"""Least bend from which a hinge shows its sign [rad]."""
 _BACKWARD: Final = np.radians(10)
-"""Joints of some people can be bent so far backward [rad]."""
+"""Largest backward bend of a person's joint [rad]."""
 
 
 def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
-    """Raise for angles in another unit than the stated one; return what is said of small ones.
+    """Raise if the unit of the angles is not the stated one; return a sentence about small ones.
 
     Args:
-        model: whose coordinates they are.
+        model: the model of the coordinates.
         angles: coordinate -> angles [rad] or lengths [m] (n,).
         where: the file's name, for messages.
 
     Raises:
-        RecordingError: a joint turns farther than joints do, or a person moves without bending.
+        RecordingError: if an angle is too large for a joint, or a person moves without bending.
     """
-    # How people head is counted on when they turn round and round.
+    # The heading is left out, because it grows when a person turns round and round.
     turned = {
         name: angles[name]
         for name in _of_both_sides(model)
@@ -69,7 +69,7 @@ def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
             allowed = "two whole turns" if often else f"{_MOST:g} rad"
             raise RecordingError(
                 f"{where}: {name} reaches {farthest:.4g} rad, allowed {allowed}: the unit of the"
-                " angles (inDegrees) is another"
+                " angles (inDegrees) is wrong"
             )
     most = max(
         (float(np.fmax.reduce(np.abs(each), initial=0.0)) for each in turned.values()), default=0.0
@@ -77,36 +77,36 @@ def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
     if not _LEAST < most < _SMALL:
         return []
     small = f"no angle of the joints exceeds {np.degrees(most):.2g} deg"
-    wrong = "Angles in radians that are taken as degrees look like this"
+    wrong = "radians that are taken as degrees look like this"
     plausible = sum(np.fmax.reduce(np.abs(each), initial=0.0) > _LEAST for each in turned.values())
     moving = sum(_range(each) > _SWAYS for each in turned.values())
     goes = max((_range(angles[name]) for name in model.moved if name in angles), default=0.0)
     if plausible >= _FEW and (moving >= _FEW or goes > _STANDS):
         raise RecordingError(
-            f"{where}: {small} while the person moves, allowed those of a movement."
-            f" {wrong}: the unit of the angles (inDegrees) is another"
+            f"{where}: {small} while the person moves, allowed those of a movement:"
+            f" {wrong}, so the unit of the angles (inDegrees) is wrong"
         )
-    return [f"{small[0].upper()}{small[1:]}. {wrong}, and so does a person who stands."]
+    return [f"{small[0].upper()}{small[1:]}: {wrong}, and so does a person who stands."]
 
 
 def with_bent_hinges(angles: Angles, where: str) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the angles with elbows and knees that bend positively, and what is said of it.
+    """Return the angles with positive flexion of elbows and knees, and sentences about changes.
 
-    Knees of gait2392 and Hamner bend negatively, both of them.
+    In gait2392 and Hamner's model, the flexion of both knees is negative.
 
     Args:
         angles: coordinate -> angles [rad] or lengths [m] (n,).
         where: the file's name, for messages.
 
     Raises:
-        RecordingError: an elbow, or one of two knees, is bent backward most of the time.
+        RecordingError: if an elbow, or one of two knees, is bent backward most of the time.
     """
     knees = {name: each for name, each in angles.items() if name in _KNEES}
     said = []
     if _negative(knees):
         knees = {name: -each for name, each in knees.items()}
         said = [
-            "The knees' angles are negative where they bend, as in gait2392: they are reversed."
+            "The angles of the knees are negative in flexion, as in gait2392: they are reversed."
         ]
     hinges = {name: each for name, each in angles.items() if name in _ELBOWS} | knees
     if wrong := [name for name, each in hinges.items() if _is_backward(each)]:
@@ -114,7 +114,7 @@ def with_bent_hinges(angles: Angles, where: str) -> tuple[dict[str, np.ndarray],
         raise RecordingError(
             f"{where}: {some(wrong)} {'bends' if len(wrong) == 1 else 'bend'} backward by up to"
             f" {np.degrees(most):.0f} deg, allowed {np.degrees(_BACKWARD):.0f} deg: the sign of the"
-            " angle is another"
+            " angle is wrong"
         )
     for name, each in hinges.items():
         if count := int((each < -_BACKWARD).sum()):
@@ -127,7 +127,7 @@ def with_bent_hinges(angles: Angles, where: str) -> tuple[dict[str, np.ndarray],
 
 
 def _of_both_sides(model: OpenSimModel) -> list[str]:
-    """Return the names of a model's coordinates, those of both sides."""
+    """Return the names of a model's coordinates, on both sides."""
     ends = [end for end in model.sides.values() if end]
     bare = [
         (name, next((end for end in ends if name.endswith(end)), "")) for name in model.coordinates
@@ -136,13 +136,16 @@ def _of_both_sides(model: OpenSimModel) -> list[str]:
 
 
 def _range(values: np.ndarray) -> float:
-    """Return how far values (n,) are apart; 0 for those that nobody knows."""
+    """Return the range of values (n,); 0 if none is known."""
     known = values[np.isfinite(values)]
     return float(np.ptp(known)) if len(known) else 0.0
 
 
 def _negative(knees: Angles) -> bool:
-    """Return whether all knees that show it bend negatively; where none does, whether they are."""
+    """Return whether the flexion of the knees is negative.
+
+    All knees that are bent far have to be negative. If none is bent far, the largest angle decides.
+    """
     shown = [_is_backward(each) for each in knees.values() if (np.abs(each) > _BACKWARD).any()]
     if shown:
         return all(shown)
@@ -151,6 +154,6 @@ def _negative(knees: Angles) -> bool:
 
 
 def _is_backward(hinge: np.ndarray) -> bool:
-    """Return whether a hinge (n,) [rad] is bent far backward in most frames in which it is bent."""
+    """Return whether a hinge (n,) [rad] is far backward in most of the frames in which it bends."""
     bent = int((np.abs(hinge) > _SHOWN).sum())
     return 2 * int((hinge < -_BACKWARD).sum()) > bent

@@ -1,9 +1,10 @@
-"""The OpenSim models that are known: which coordinate turns which segment about which axis.
+"""The known OpenSim models: which coordinate rotates which segment about which axis.
 
-Axes are OpenSim's: x forward, y up, z to the right. They are those of the right side; the left one
-is mirrored. A segment's long axis is its y. The numbers are facts of the published models:
-Rajagopal et al. 2016 (OpenCap's LaiUhlrich2022, gait2392 and Hamner's turn alike but for the sign
-of the knee), Seth et al. 2019, and Wu et al. 2016 as used for lifting boxes by pyomeca's authors.
+Axes are OpenSim's: x forward, y up, z to the right. They are given for the right side; the left
+side is mirrored. A segment's long axis is its y. The numbers are those of the published models:
+Rajagopal et al. 2016 (OpenCap's LaiUhlrich2022, gait2392 and Hamner's model have the same rotations
+except for the sign of the knee), Seth et al. 2019, and Wu et al. 2016 as used for lifting boxes by
+pyomeca's authors.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final
 
 Axis = tuple[float, float, float]
 Step = tuple[str | float, Axis]
-"""A coordinate, in small letters and without its side, or a fixed angle [rad]; about which axis."""
+"""A coordinate, in small letters and without its side, or a fixed angle [rad]; and its axis."""
 
 X: Final[Axis] = (1.0, 0.0, 0.0)
 Y: Final[Axis] = (0.0, 1.0, 0.0)
@@ -26,12 +27,12 @@ _BACK_Z: Final[Axis] = (0.0, 0.0, -1.0)
 
 @dataclass(frozen=True)
 class Segment:
-    """How a segment is turned.
+    """The orientation of a segment.
 
     Attributes:
         parent: the segment that it hangs from; None: the ground.
-        steps: rotations, each about the axes that those before have turned.
-        needed: coordinates without which it is not known; others that lack are zero.
+        steps: rotations, each about the axes that result from those before.
+        needed: coordinates without which it is unknown; other missing coordinates are zero.
     """
 
     parent: str | None
@@ -44,16 +45,16 @@ class OpenSimModel:
     """A model.
 
     Attributes:
-        title: how it is called in messages.
-        telling: coordinates by which a file is known to be of it.
-        segments: those before which they hang from; all but pelvis and trunk are there twice.
-        sides: side of the body -> what its coordinates end with.
-        root: the segment that the translations are of, ``pelvis`` or ``trunk``.
+        title: its name in messages.
+        telling: coordinates that identify a file of this model.
+        segments: its segments, each after its parent; all but pelvis and trunk exist on both sides.
+        sides: side of the body -> ending of its coordinates.
+        root: the segment that the translations move, ``pelvis`` or ``trunk``.
         moved: these translations, along x, y and z.
-        origin: from what they place to the middle of the hips, or to the base of the neck, along
+        origin: from the translated point to the middle of the hips, or to the base of the neck, in
             the axes of the root [m].
-        ground: how the axes in which the root moves are turned in those of the ground.
-        notes: what is to be said of the model.
+        ground: rotations of the ground's axes to those in which the root moves.
+        notes: sentences about the model.
     """
 
     title: str
@@ -83,12 +84,12 @@ def _steps(names: tuple[str, ...], *axes: Axis) -> tuple[Step, ...]:
 
 
 _BELOW: Final = (
-    "The pelvis is placed below the neck along the thorax and heads where that does: the file has"
-    " no hips, and the trunk no twist."
+    "The pelvis is placed below the neck along the thorax and has the same heading, because the"
+    " file has no hips; the trunk has no twist."
 )
 _TO_SCAPULA: Final = (
-    "The angles of the shoulder are those of the upper arm to the scapula, whose turn on the"
-    " thorax is added: the arm is higher than its elevation in the file."
+    "The angles of the shoulder are those of the upper arm to the scapula, and the rotation of the"
+    " scapula on the thorax is added: the arm is higher than its elevation in the file."
 )
 _PELVIS: Final = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
 _LUMBAR: Final = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
@@ -98,14 +99,14 @@ _ARM: Final = ("arm_flex", "arm_add", "arm_rot")
 FULL_BODY: Final = OpenSimModel(
     title="Rajagopal, OpenCap or gait2392",
     telling=("pelvis_tilt",),
-    # Models of the plane have the first coordinate of each joint only.
+    # Planar models have the first coordinate of each joint only.
     segments={
         "pelvis": Segment(None, _steps(_PELVIS, Z, X, Y), _PELVIS[:1]),
         "trunk": Segment("pelvis", _steps(_LUMBAR, Z, X, Y), _LUMBAR[:1]),
         "upper_arm": Segment("trunk", _steps(_ARM, Z, X, Y), _ARM[:1]),
-        # The hinge is turned inward by 13 degrees, so the forearm is.
+        # The hinge is turned inward by 13 degrees, and the forearm with it.
         "forearm": Segment("upper_arm", ((0.228, Y), ("elbow_flex", Z)), ("elbow_flex",)),
-        # At zero the palm points forward: a quarter turn from where ours does.
+        # At zero the palm points forward, a quarter turn from ours.
         "hand": Segment(
             "forearm",
             (("pro_sup", Y), ("wrist_flex", Z), ("wrist_dev", X), (-math.pi / 2, Y)),
@@ -113,8 +114,8 @@ FULL_BODY: Final = OpenSimModel(
         ),
         "thigh": Segment("pelvis", _steps(_HIP, Z, X, Y), _HIP[:1]),
         "shank": Segment("thigh", (("knee_angle", _BACK_Z),), ("knee_angle",)),
-        # The models' two axes are oblique: they would also turn the foot outward, for which our
-        # ankle has no joint, and a toe aside would be taken for inversion.
+        # The models' two axes are oblique and would also turn the foot outward. Our ankle has no
+        # joint for that, so the moved toe would be read as inversion.
         "foot": Segment("shank", (("ankle_angle", Z), ("subtalar_angle", X)), ("ankle_angle",)),
     },
     sides={"right": "_r", "left": "_l"},
@@ -160,14 +161,14 @@ THORACOSCAPULAR: Final = OpenSimModel(
             _HUMERUS,
         ),
         "forearm": _ELBOW,
-        # At zero the palm is to the thigh, as ours is.
+        # At zero the palm faces the thigh, like ours.
         "hand": Segment("forearm", (("pro_sup", Y),), ("pro_sup",)),
     },
     sides={"right": ""},
     root="trunk",
     moved=("ground_thorax_tx", "ground_thorax_ty", "ground_thorax_tz"),
     origin=(-0.06, 0.0, 0.0),
-    notes=(_BELOW, _TO_SCAPULA, "The wrist is straight: the model has none."),
+    notes=(_BELOW, _TO_SCAPULA, "The wrist is straight, because the model has no wrist."),
 )
 
 THORACOHUMERAL: Final = replace(
@@ -205,7 +206,7 @@ UPPER_LIMB: Final = OpenSimModel(
             ),
             _CLAVICLE[:2],
         ),
-        # Into the axes of the joint and back, and then into those of the shoulder's socket.
+        # To the axes of the joint and back, and then to those of the shoulder's socket.
         "scapula": Segment(
             "clavicle",
             (
@@ -227,7 +228,7 @@ UPPER_LIMB: Final = OpenSimModel(
             _SHOULDER,
         ),
         "forearm": _ELBOW,
-        # At zero the palm is to the thigh, as ours is; the first of the wrist bends to the thumb.
+        # At zero the palm faces the thigh, like ours; the wrist's first angle bends to the thumb.
         "hand": Segment(
             "forearm", (("pro_sup", Y), ("hand_r_add", Z), ("hand_r_flex", X)), ("pro_sup",)
         ),
@@ -236,10 +237,10 @@ UPPER_LIMB: Final = OpenSimModel(
     root="trunk",
     moved=("thorax_tx", "thorax_ty", "thorax_tz"),
     origin=(-0.06, 0.0, 0.0),
-    # z is up in its ground, and people look along -x.
+    # In its ground z is up, and people face along -x.
     ground=((1.5708, X), (3.15159, Y)),
     notes=(_BELOW, _TO_SCAPULA),
 )
 
 MODELS: Final = (FULL_BODY, THORACOSCAPULAR, THORACOHUMERAL, UPPER_LIMB)
-"""What is known; the first whose telling coordinates are all there is taken."""
+"""The known models; the first whose `telling` coordinates are all in the file is used."""

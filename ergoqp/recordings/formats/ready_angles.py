@@ -1,7 +1,8 @@
-"""From the joint angles of ergoqp itself, ready in a file, to joint centres.
+"""Joint centres from a file with ergoqp's own joint angles.
 
-Others may tell them too: a ROS node that publishes `ergoqp.JOINTS`. The way from centres to
-postures is that of all other recordings, and gives the same angles.
+Other programs may write them, too, for example a ROS node that publishes `ergoqp.JOINTS`. The
+postures are computed from the joint centres as for all other recordings; this gives the same
+angles.
 """
 
 from __future__ import annotations
@@ -23,18 +24,18 @@ from ergoqp.recordings.names import CENTRES, parted
 
 _HINGES: Final = ("elbow_flexion", "knee_flexion")
 _MOST: Final = 4 * np.pi
-"""No joint turns further [rad]: these are degrees."""
+"""Largest angle of a joint [rad]; larger numbers are in degrees."""
 _BLOCK: Final = 4096
 
 
 def tell_person(names: Iterable[str]) -> bool:
-    """Return whether some joint angles are a person's: ergoqp's own, or an OpenSim model's."""
+    """Return whether joint angles are those of a person: ergoqp's own, or an OpenSim model's."""
     names = tuple(names)
     return bool(own_angles(names)) or is_of_model(names)
 
 
 def own_angles(names: Iterable[str]) -> Mapping[str, str]:
-    """Return our joint -> its name among some, which may share a prefix; empty if one lacks."""
+    """Return our joint -> its name in the file, with a common prefix; empty if one is missing."""
     groups: dict[str, dict[str, str]] = {}
     for name in names:
         prefix, own = parted(name)
@@ -44,15 +45,15 @@ def own_angles(names: Iterable[str]) -> Mapping[str, str]:
 
 
 def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) -> JointMotion:
-    """Return the joint centres that the angles of all our joints place, in our axes.
+    """Return the joint centres that the angles of all our joints determine, in our axes.
 
     Args:
         motion: the angles.
         where: the file's name, for messages.
-        body: whose lengths are taken; None: those of an average person.
+        body: the person whose lengths are used; None: an average person.
 
     Raises:
-        RecordingError: a joint turns more than twice.
+        RecordingError: if a joint turns by more than two whole turns.
     """
     theirs, person = own_angles(motion.angles), body or Body()
     columns = []
@@ -62,9 +63,9 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
         if most > _MOST:
             raise RecordingError(
                 f"{where}: the {spoken(joint)} reaches {most:.4g} rad, allowed two whole turns:"
-                " these may be degrees"
+                " the angles may be in degrees"
             )
-        # A straight one would not show how the limb is turned, which the file tells.
+        # A straight hinge would not show the rotation of the limb, which the file states.
         columns.append(np.maximum(angle, BENT) if joint.endswith(_HINGES) else angle)
     postures = np.stack(columns, axis=1)
     function = _centres(person)
@@ -73,10 +74,10 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
     notes = [
         "The joint centres are placed by the file's angles of the joints of ergoqp, with the"
         f" lengths of {'an average' if body is None else 'the'} person of {person.stature:.2f} m.",
-        "Where the person stands is not told: the pelvis stays in one place.",
+        "The file does not state where the person stands: the pelvis stays in one place.",
     ]
     if motion.objects:
-        notes.append("The objects are left out: nobody knows where they are beside the person.")
+        notes.append("The objects are left out: where they are beside the person is unknown.")
     return replace(
         motion,
         names=CENTRES,
@@ -93,7 +94,7 @@ def _starts(count: int) -> range:
 
 
 def _centres(body: Body) -> ca.Function:
-    """Return posture (32,) -> positions of `CENTRES`, one by one, in the pelvis frame."""
+    """Return a function: posture (32,) -> positions of `CENTRES` in the pelvis frame."""
     posture, kinematics = ca.SX.sym("q", len(JOINTS)), Kinematics(body)
     places = [kinematics.at(centre, posture)[0] for centre in CENTRES]
     return ca.Function("centres", [posture], [ca.densify(ca.vertcat(*places))])

@@ -1,4 +1,4 @@
-"""Tables with a row for each person and frame: whose rows are whose, and all at the same frames."""
+"""Tables with a row per person and frame: separation of the people, at common frames."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ _PEOPLE: Final = frozenset(
     {"body", "bodyid", "id", "person", "personid", "user", "userid", "track", "trackid", "skeleton"}
     | {"skeletonid", "trackingid", "subject", "subjectid", "bodyindex"}
 )
-"""Heads of columns that say whose row it is, without what parts words."""
+"""Heads of columns that state the person of a row, without separators of words."""
 _CROWD: Final = 20
-"""People who are read; more are mistakes of the tracker."""
+"""Largest number of people that are read; more are tracking errors."""
 _COUNTED: Final = 1000
-"""Values after which a column in which each is another is a count of the rows."""
+"""Number of different values, one per row, from which a column is taken as a count of the rows."""
 
 
 def is_whose(squashed_head: str) -> bool:
-    """Return whether a column says whose row it is, by its head without what parts words."""
+    """Return whether a column states the person, by its head without separators of words."""
     return squashed_head in _PEOPLE
 
 
 class People:
-    """The people that a column names, by numbers in their order."""
+    """The people that a column names, numbered in the order in which they appear."""
 
     def __init__(self) -> None:
-        """Begin with nobody."""
+        """Begin without people."""
         self.labels: dict[str, int] = {}
         self.counts = False
         self._rows = 0
@@ -39,7 +39,7 @@ class People:
         """Return the number of a row's person.
 
         Raises:
-            ValueError: there are too many; says what is allowed.
+            ValueError: if there are too many people; the text says what is allowed.
         """
         self._rows += 1
         if self.counts:
@@ -48,11 +48,11 @@ class People:
             if self._rows <= _COUNTED + 1:
                 self.counts = True
                 return "0"
-            raise ValueError(f"as one more person, allowed the names of {_COUNTED} people")
+            raise ValueError(f"as a further person, allowed at most {_COUNTED} people")
         return str(self.labels.setdefault(word, len(self.labels)))
 
     def are_several(self, keys: np.ndarray | None) -> bool:
-        """Return whether these are people: a column with another value in each row counts them.
+        """Return whether the column names several people and is not a count of the rows.
 
         Args:
             keys: times or numbers of the rows' frames (n,), if there are any.
@@ -73,31 +73,31 @@ def side_by_side(
     keys: np.ndarray,
     remedy: str,
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, list[str]]:
-    """Return everybody's points under "person:point" (p m,), (n, p m, 3), frames and sentences.
+    """Return everybody's points "person:point" (p m,), (n, p m, 3), frames (n,) and sentences.
 
     Args:
         where: the file's name, for messages.
-        names: of the points (m,).
-        positions: of the points (rows, m, 3).
+        names: names of the points (m,).
+        positions: positions of the points (rows, m, 3).
         whose: number of each row's person (rows,); NaN for nobody.
-        people: their names.
+        people: the people.
         keys: times or numbers of the rows' frames (rows,).
-        remedy: what the user can do where a person has several rows of a time, for the message.
+        remedy: what the user can do if a person has several rows of a time, for the message.
 
     Raises:
-        RecordingError: frames have no time, or it runs backwards for somebody.
+        RecordingError: if a row has no time, or time runs backwards for a person.
     """
     if len(lost := np.flatnonzero(~np.isfinite(keys) & np.isfinite(whose))):
         raise RecordingError(
-            f"{where}: row {lost[0] + 1} of the numbers has no time, allowed one for each row"
+            f"{where}: row {lost[0] + 1} of the numbers has no time, allowed a time for each row"
         )
     stamps = np.unique(keys[np.isfinite(keys)])
     often = np.bincount(whose[np.isfinite(whose)].astype(int), minlength=len(people.labels))
     kept = np.sort(np.argsort(-often, kind="stable")[:_CROWD])
     labels = list(people.labels)
-    notes = [f"The rows are those of {len(labels)} people, whose names begin those of the points."]
+    notes = [f"The rows are those of {len(labels)} people, whose names are the points' prefixes."]
     if len(kept) < len(labels):
-        notes.append(f"Of {len(labels)} people the {_CROWD} are read that are seen most often.")
+        notes.append(f"Of {len(labels)} people the {_CROWD} that are seen most often are read.")
     count = len(names)
     out = np.full((len(stamps), len(kept) * count, 3), np.nan, dtype=positions.dtype)
     for at, person in enumerate(kept):

@@ -1,6 +1,6 @@
-"""Tables of numbers in text files, block by block: an hour of markers is much.
+"""Tables of numbers in text files, read block by block because an hour of markers is large.
 
-A blank is a place that was not seen. A word where a number belongs is a mistake, with its line.
+A blank is a value that was not seen. A word in place of a number is an error that names its line.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from ergoqp.recordings.formats.text_lines import EMPTY, TextLines
 _BLOCK: Final = 4000
 """Lines that are read at once."""
 _TOGETHER: Final = 4_000_000
-"""Numbers that are made at once, about."""
+"""Numbers that are parsed at once, about."""
 _LEFT_OUT: Final = 20
-"""Numbers that a byte of a file stands for, at most: blanks at the end of rows may be left out."""
+"""Largest number of values per byte of a file: blanks at the end of rows may be left out."""
 _BEARABLE: Final = 100_000_000
-"""Numbers that a file may have whatever its size is."""
+"""Number of values that a file of any size may have."""
 _EXPECTED: Final = 1 << 31
-"""Bytes that are asked for in advance, at most."""
+"""Largest number of bytes that are allocated in advance."""
 _MARKS: Final = "\t;,"
-"""What parts columns, the surest first: a decimal comma is no mark of columns."""
+"""Separators of columns, the surest first, because a comma may be a decimal comma."""
 _NOTHING: Final = frozenset(
     {"", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)"}
     | {"1.#qnan", "-1.#ind"}
 )
-"""Words for a place that was not seen."""
+"""Words for a value that was not seen."""
 LARGEST: Final = 1e30
-"""Nothing that anybody measures is larger."""
+"""Largest number that is accepted as a measurement."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a file may not say and its user can.
+    """Options that supply what a file may lack.
 
     Attributes:
         columns: names of the points of a table without names, three numbers each.
-        rate: frames per second where there are no times [Hz].
+        rate: frames per second, used instead of times [Hz].
     """
 
     columns: tuple[str, ...] = ()
@@ -55,9 +55,9 @@ class Chosen:
     """The columns of a table that are read.
 
     Attributes:
-        columns: which, in the order in which they are handed on.
-        told: place among them -> what makes a number of each of its words; it raises a ValueError
-            that says where it is and what is allowed.
+        columns: their indices, in the order in which they are returned.
+        told: index among them -> function that converts a word to the text of a number; it raises a
+            ValueError whose text continues the message after the word.
     """
 
     columns: Sequence[int]
@@ -66,7 +66,7 @@ class Chosen:
 
 @dataclass
 class Gathered:
-    """Blocks that become one array, begun as large as it will be: they are there only once."""
+    """Blocks that become one array, allocated at its expected size to hold each block only once."""
 
     _all: np.ndarray | None = None
     _count: int = 0
@@ -75,13 +75,13 @@ class Gathered:
         """Add a block (n, ...).
 
         Args:
-            block: rows.
-            share: of the file that is read with them, from 0 to 1.
+            block: the rows.
+            share: share of the file that is read up to their end, from 0 to 1.
         """
         count = self._count + len(block)
         if self._all is None or count > len(self._all):
             before = self._all
-            # What is not filled takes no memory.
+            # The part that is not filled takes no memory.
             expected = min(1.2 * count / max(share, 1e-9), _EXPECTED / max(block[:1].nbytes, 1))
             least = count if before is None else count + count // 4
             self._all = np.empty((max(least, int(expected)), *block.shape[1:]), dtype=block.dtype)
@@ -110,14 +110,14 @@ def blocks(
 ) -> Iterator[np.ndarray]:
     """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
 
-    Blanks at the end of a row may be left out. Empty lines are skipped. Where columns are parted
-    by tabs or semicolons, a comma is a decimal one.
+    Blanks at the end of a row may be left out. Empty lines are skipped. If tabs or semicolons
+    separate the columns, a comma is a decimal comma.
 
     Args:
-        lines: what is not read yet.
-        separator: what parts numbers; None for any white space.
+        lines: the file from the next line on.
+        separator: separator of the numbers; None for any white space.
         width: numbers in a row.
-        blanks: whether a row of nothing but separators is a frame, in which nothing was seen.
+        blanks: whether a row of separators only is a frame in which nothing was seen.
         chosen: the columns that are read, if not all are.
     """
     decimal = separator in {"\t", ";"}
@@ -133,7 +133,7 @@ def blocks(
             continue
         count += len(rows) * width
         if count > max(_BEARABLE, _LEFT_OUT * lines.file.tell()):
-            lines.fail(f"got rows with hardly any number, allowed {width} in each")
+            lines.fail(f"got rows with hardly any numbers, allowed {width} in each")
         values = np.array([_values(lines, i, row, separator, width, chosen) for i, row in rows])
         if (large := np.argwhere(np.abs(values) > LARGEST)).size:
             at, column = large[0]
@@ -142,7 +142,7 @@ def blocks(
 
 
 def separator_of(*rows: str) -> str | None:
-    """Return what parts the columns of the first row that has such a mark; None: white space."""
+    """Return the separator of the first row that has one of `_MARKS`; None: white space."""
     return next((mark for row in rows for mark in _MARKS if mark in row), None)
 
 
@@ -150,13 +150,13 @@ def cells(row: str, separator: str | None) -> list[str]:
     """Return the words of a row above the numbers, without quotes and the space around them."""
     words = row.split(separator)
     if separator is not None and '"' in row:
-        with suppress(csv.Error):  # of a stray carriage return, or a cell beyond all reason
+        with suppress(csv.Error):  # a stray carriage return, or a cell that is too long
             words = next(csv.reader([row], delimiter=separator, skipinitialspace=True), words)
     return [word.strip().strip('"').strip() for word in words]
 
 
 def count_of(text: str) -> int | None:
-    """Return the whole number that a file states; None if it states none."""
+    """Return the whole number in a text; None if it is not one."""
     return int(text[:18]) if text.isascii() and text.isdigit() else None
 
 
@@ -170,7 +170,7 @@ def is_number(word: str) -> bool:
 
 
 def is_nothing(word: str) -> bool:
-    """Return whether a word stands for a place that was not seen."""
+    """Return whether a word stands for a value that was not seen."""
     return word.lower() in _NOTHING
 
 
@@ -198,12 +198,12 @@ def _values(
         row = row if row.isascii() and "_" not in row else "".join(words)
         for i, number in chosen.told.items():
             words[i] = _told(lines, line, number, words[i])
-    # `float` takes more for numbers than anybody writes into files: 1_0, and digits of all scripts.
+    # `float` also accepts what no file has: 1_0, and digits of all scripts.
     if "_" not in row and row.isascii():
         try:
             return list(map(float, [word or "nan" for word in words] if "" in words else words))
         except ValueError:
-            pass  # words for blanks, quotes, or a mistake that is to be named
+            pass  # words for blanks, quotes, or an error that is named below
     return [_number(lines, line, word.strip().strip('"').strip()) for word in words]
 
 

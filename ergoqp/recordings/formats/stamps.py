@@ -1,4 +1,4 @@
-"""When the frames of a recording are, by what its time column says."""
+"""Times of a recording's frames, from its time column."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ergoqp.errors import RecordingError
 
 _UNITS: Final = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 _SHORTEST, _LONGEST = 0.9e-3, 0.7
-"""Between these is the usual step between frames [s]: no two units do."""
+"""Limits of the median step between frames [s]: at most one unit gives a step between them."""
 SLOWEST, FASTEST = 0.01, 10_000.0
-"""Rates that may be stated [Hz]."""
+"""Limits of a stated rate [Hz]."""
 RATES: Final = f"frames per second from {SLOWEST:g} to {FASTEST:g}"
 LONGEST: Final = 1e7
-"""No recording lasts longer: four months [s]."""
+"""Longest duration of a recording: four months [s]."""
 _ALIKE: Final = 0.1
-"""By what share times and a stated rate may differ."""
+"""Relative difference that times and a stated rate may have."""
 _BLOCK: Final = 4000
 """Frames that are compared at once."""
 _OTHERS: Final = 0.02
-"""Share of frames that may have the time of the one before and differ from it: a mistake or two."""
+"""Share of frames that may have the time of the frame before and other content, by mistake."""
 _UNIT: Final = r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds"
 _TIMES: Final = re.compile(
     r"[%#]?\s*(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
@@ -31,7 +31,7 @@ _TIMES: Final = re.compile(
     re.IGNORECASE,
 )
 _SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
-"""First letter of a unit of time -> it [s]; the letter my is the Greek one, as `casefold` says."""
+"""First letter of a unit of time -> the unit [s]; the mu is the Greek one that `casefold` gives."""
 
 
 def seconds(
@@ -43,18 +43,18 @@ def seconds(
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return times from zero [s], the frames that are kept (n,) bool, and sentences.
 
-    A frame with the time of the one before it is left out.
+    A frame with the time of the frame before it is left out.
 
     Args:
         where: the file's name, for messages.
         stamps: the time column (n,).
         unit: its unit [s]; None finds it.
-        shown: what the frames show, arrays (n, ...): those of one time should show the same.
-        remedy: what the user can do where they do not, for the message.
+        shown: content of the frames, arrays (n, ...): frames of equal time should be equal.
+        remedy: what the user can do if they differ, for the message.
 
     Raises:
-        RecordingError: time is missing, runs backwards, has no unit that can be, or is so coarse
-            that frames which differ have the same.
+        RecordingError: if a time is missing, time runs backwards, no unit fits, or many frames of
+            equal time differ.
     """
     if not len(stamps):
         raise RecordingError(f"{where}: got no frame, allowed a recording with movement in it")
@@ -76,8 +76,8 @@ def seconds(
         fitting = [each for each in _UNITS if _SHORTEST <= each * usual < _LONGEST]
         if not fitting:
             raise RecordingError(
-                f"{where}: the frames are {usual:g} apart in time, allowed is what is a thousandth"
-                " to 0.7 of a second in seconds, milli-, micro- or nanoseconds"
+                f"{where}: the frames are {usual:g} apart in time, allowed a thousandth to 0.7 of a"
+                " second in seconds, milliseconds, microseconds or nanoseconds"
             )
         unit = fitting[0]
         if unit != 1.0:
@@ -91,16 +91,16 @@ def seconds(
 def once(
     where: str, time: np.ndarray, shown: Sequence[np.ndarray], remedy: str = ""
 ) -> tuple[np.ndarray, list[str]]:
-    """Return which frames have another time than the one before, (n,) bool, and sentences.
+    """Return the frames with another time than the frame before, (n,) bool, and sentences.
 
     Args:
         where: the file's name, for messages.
         time: times that do not run backwards (n,).
-        shown: what the frames show, arrays (n, ...).
-        remedy: what the user can do where frames of one time differ, for the message.
+        shown: content of the frames, arrays (n, ...).
+        remedy: what the user can do if frames of equal time differ, for the message.
 
     Raises:
-        RecordingError: many frames of one time differ.
+        RecordingError: if many frames of equal time differ.
     """
     kept = np.concatenate([[True], np.diff(time) > 0])
     again = np.flatnonzero(~kept)
@@ -119,7 +119,7 @@ def once(
             " something else, so the times are too coarse or there are several people, allowed"
             f" times that increase{remedy}"
         )
-    differing = f", {others} of them differ from it" if others else ""
+    differing = f" ({others} of them differ from it)" if others else ""
     return kept, [
         f"{len(again)} of {len(kept)} frames have the time of the frame before{differing} and are"
         " left out."
@@ -134,14 +134,15 @@ def time_head(word: str) -> tuple[bool, float | None]:
 
 
 def tick_of(word: str) -> float | None:
-    """Return the unit of time that a word is [s]; None if it is none."""
+    """Return the unit of time that a word denotes [s]; None if it denotes none."""
     return _SECONDS[word.casefold()[0]] if re.fullmatch(_UNIT, word, re.IGNORECASE) else None
 
 
 def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
-    """Return the unit of times [s] with which they are as far apart as a stated rate says.
+    """Return the unit of times [s] with which their step agrees with a stated rate, and sentences.
 
-    Where none is, the times are seconds, and it is said: a rate is written once and copied often.
+    If no unit agrees, the times are taken as seconds, and a sentence says so: a rate in a header is
+    often copied.
 
     Args:
         stamps: the time column (n,).
@@ -158,8 +159,8 @@ def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
                 return unit, []
             return unit, [f"Times are taken as {name}: the file states {rate:g} frames per second."]
     return 1.0, [
-        f"The file states {rate:g} frames per second, and by its times there are {1 / usual:.4g}:"
-        " the times are taken."
+        f"The file states {rate:g} frames per second, but its times give {1 / usual:.4g}: the times"
+        " are used."
     ]
 
 
@@ -167,7 +168,7 @@ def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
     """Return times from zero [s] of frames whose rate was stated [Hz], and sentences.
 
     Raises:
-        RecordingError: the rate is none.
+        RecordingError: if the rate is out of range.
     """
     if not SLOWEST <= rate <= FASTEST:
         raise RecordingError(f"{where}: rate: got {rate:g}, allowed {RATES}")
@@ -175,7 +176,7 @@ def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
 
 
 def repeated(positions: np.ndarray) -> list[str]:
-    """Say how many frames are those before them once more."""
+    """Return a sentence with the number of frames that repeat the frame before, if many do."""
     count = 0
     for at in range(1, len(positions), _BLOCK):
         now = positions[at : at + _BLOCK]
@@ -183,17 +184,17 @@ def repeated(positions: np.ndarray) -> list[str]:
         count += int(_alike(now, before).sum())
     if count < 0.01 * len(positions):
         return []
-    return [f"{count} of {len(positions)} frames are the frame before once more."]
+    return [f"{count} of {len(positions)} frames repeat the frame before."]
 
 
 def _alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Return which frames (n, ...) are as others (n, ...), unseen places being alike, (n,) bool."""
+    """Return which frames (n, ...) equal others (n, ...), with NaN equal to NaN, (n,) bool."""
     same = (now == before) | (np.isnan(now) & np.isnan(before))
     return same.all(axis=tuple(range(1, same.ndim)))
 
 
 def _spacing(time: np.ndarray) -> str:
-    """Say how far apart the frames are."""
+    """Return a sentence about the time between frames."""
     steps = np.diff(time)
     if not len(steps):
         return "There is one frame."

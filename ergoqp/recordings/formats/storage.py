@@ -1,8 +1,8 @@
-"""OpenSim's motion files (.mot, .sto): joint angles that are ready.
+"""OpenSim's motion files (.mot, .sto), which contain joint angles.
 
-Ten or so rows stand above the numbers and end with "endheader"; the next row names the columns
-(OpenSim, "Storage (.sto) and Motion (.mot) Files"). Spreadsheets save them with commas. What SIMM
-wrote states no version, and has degrees.
+About ten rows stand above the numbers and end with "endheader". The next row names the columns
+(OpenSim, "Storage (.sto) and Motion (.mot) Files"). Spreadsheet programs save such files with
+commas. Files by SIMM state no version, and their angles are in degrees.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 200
-"""Rows above the numbers, at most."""
+"""Largest number of rows above the numbers."""
 _SPACE: Final = " \t,;"
-"""What spreadsheets put around the rows above the numbers."""
+"""Characters that spreadsheet programs put around the rows above the numbers."""
 LENGTHS: Final = ("_tx", "_ty", "_tz", "transx", "transy", "transz")
-"""How names of columns end that are lengths and no angles."""
+"""Endings of the names of columns that are lengths and not angles."""
 
 
 def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
@@ -40,11 +40,11 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: unused, the file has times.
+        progress: is called with the share of the file that is read.
+        asked: unused, because the file has times.
 
     Raises:
-        RecordingError: it is no such file, or a number is missing.
+        RecordingError: if it is not such a file, or a number is missing.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
@@ -60,7 +60,7 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             head = lines.next("the names of the columns")
             if lines.line > 2 * _HEAD:
                 lines.fail("got no names of columns below endheader, allowed a motion file")
-        # Names are parted by tabs and numbers by spaces in some files.
+        # In some files tabs separate the names, and spaces the numbers.
         separator = separator_of(first) if (first := lines.peek()) else separator_of(head)
         names = cells(head.strip(" \t"), separator)
         while names and not names[-1]:
@@ -68,14 +68,14 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         if not names or names[0].lower() != "time":
             lines.fail(f"got the first column {short(names[0] if names else '')}, allowed time")
         if "" in names:
-            lines.fail(f"got no name for column {names.index('') + 1}, allowed one for each")
+            lines.fail(f"got no name for column {names.index('') + 1}, allowed a name for each")
         if len(set(names)) < len(names):
             lines.fail("got a column twice, allowed each once")
         rows = Gathered()
         for block in blocks(lines, separator, len(names)):
             rows.add(block, lines.share)
     if not rows:
-        raise RecordingError(f"{path.name}: got no row below the names, allowed a movement")
+        raise RecordingError(f"{path.name}: got no row below the names, allowed rows of numbers")
     values = rows.whole
     time, kept, notes = seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
@@ -107,12 +107,12 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 
 def is_length(name: str) -> bool:
-    """Return whether a column is a length, by its name."""
+    """Return whether the name of a column is that of a length."""
     return (coordinate_of(name) or name).lower().endswith(LENGTHS)
 
 
 def coordinate_of(name: str) -> str | None:
-    """Return the coordinate whose value a column has; None for speeds and others with a path.
+    """Return the coordinate whose value a column holds; None for speeds and other paths.
 
     >>> coordinate_of("/jointset/hip_r/hip_flexion_r/value")
     'hip_flexion_r'

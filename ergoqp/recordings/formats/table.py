@@ -2,8 +2,8 @@
 
 Depth cameras and body trackers write such tables (Kinect, Nuitrack, ZED, MediaPipe), and so do
 motion-capture programs. Names stand before the coordinate ("NECK.x", "neck_x", "neck x (mm)"), or
-in a row above the coordinates. Each of several people may have a row for each frame, with a column
-that says whose it is.
+in a row above the coordinates. Several people may have a row each per frame, with a column that
+states the person.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from ergoqp.recordings.formats.words import Clock, surety
 from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 20
-"""Lines above the numbers that are not empty, at most: Qualisys writes twelve."""
+"""Largest number of lines above the numbers that are not empty; Qualisys writes twelve."""
 _BLANK: Final = 1000
-"""Lines above the numbers without a word or a mark, at most."""
+"""Largest number of empty lines above the numbers."""
 _RATE: Final = "; or state the frames per second (rate)"
 
 
 def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     """Return the points of a table of positions.
 
-    Places that are not surely seen are left out, by what the table says of that. Of several people
-    each point's name begins with whose it is: "2:NECK".
+    Positions with a low confidence are taken as not seen, if the table states a confidence. With
+    several people, the names of the points get the person as a prefix: "2:NECK".
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: names of the columns, where the file has none, and frames per second, which go before
+        progress: is called with the share of the file that is read.
+        asked: names of the columns, if the file has none, and frames per second, used instead of
             its times.
 
     Raises:
-        RecordingError: it is no such table; says where.
+        RecordingError: if it is not such a table, with the line.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
@@ -95,7 +95,7 @@ class _Table:
         self._places, self._keys, self._whose = Gathered(), Gathered(), Gathered()
         self._points = [c for columns in layout.points.values() for c in columns]
         several = layout.whose is not None
-        # By their numbers frames are the same, however coarse times are.
+        # Frame numbers identify the frames of several people, however coarse the times are.
         self._numbered = (
             several and layout.frame is not None and (layout.time is None or rate is not None)
         )
@@ -106,10 +106,15 @@ class _Table:
         self._fine = layout.fine if self._key is not None and not self._numbered else None
 
     def chosen(self, lines: TextLines, words: list[str], line: int) -> Chosen:
-        """Return the columns that are read, by the first row of numbers, which is in this line.
+        """Return the columns that are read.
+
+        Args:
+            lines: the file, for messages.
+            words: the first row of numbers.
+            line: number of its line.
 
         Raises:
-            RecordingError: there is a word where a number belongs.
+            RecordingError: if there is a word in place of a number.
         """
         layout = self._layout
         words = [*words, *[""] * layout.width][: layout.width]
@@ -133,7 +138,7 @@ class _Table:
         return Chosen(columns, told)
 
     def unread(self, words: list[str]) -> list[str]:
-        """Name the columns that are not read although somebody may expect it."""
+        """Return a sentence with the columns that are not read although a user may expect it."""
         layout = self._layout
         used = {*self._points, *(each.column for each in layout.sure)}
         used |= {layout.time, layout.fine, layout.frame, layout.whose}
@@ -164,7 +169,7 @@ class _Table:
             self._whose.add(values[:, -1], share)
 
     def motion(self, notes: list[str]) -> JointMotion:
-        """Return everything that was read, with sentences."""
+        """Return the motion that was read, with further sentences."""
         layout, names, positions = self._layout, tuple(self._layout.points), self._places.whole
         keys = self._keys.whole if self._key is not None else None
         if layout.time is None:
@@ -176,7 +181,8 @@ class _Table:
             if keys is None:
                 raise RecordingError(
                     f"{self._where}: got the rows of {len(self._people.labels)} people without"
-                    " times, allowed a column of times, or of frames with their rate"
+                    " times, allowed a column of times, or a column of frame numbers and stated"
+                    " frames per second (rate)"
                 )
             names, positions, keys, said = side_by_side(
                 self._where,
@@ -191,7 +197,8 @@ class _Table:
             numbered = self._numbered
         elif layout.whose is not None and (self._people.counts or len(self._people.labels) > 1):
             notes.append(
-                f"The column {layout.head(layout.whose)} is another in each row and is not used."
+                f"The column {layout.head(layout.whose)} has another value in each row and is not"
+                " used."
             )
         if self._rate is not None:
             time, said = steady(self._where, len(positions), self._rate)
@@ -217,7 +224,7 @@ class _Table:
 
 
 def _seen(positions: np.ndarray) -> int:
-    """Return how many frames there are up to the last in which anything is seen, at least one."""
+    """Return the number of frames up to the last in which a point is seen, at least one."""
     count = len(positions)
     while count > 1 and np.isnan(positions[count - 1]).all():
         count -= 1
@@ -227,8 +234,8 @@ def _seen(positions: np.ndarray) -> int:
 def _head(lines: TextLines) -> tuple[list[str], str, int]:
     """Return the rows above the numbers that are not empty, the first row of numbers and its line.
 
-    That one stays to be read, and so do rows without anything above it: they may be frames.
-    Numbers begin where nothing but rows that are mostly numbers follows.
+    The first row of numbers remains to be read, and so do empty rows above it, which may be frames.
+    The numbers begin with the first of a run of rows that are mostly numbers.
     """
     head: list[str] = []
     rows: list[str] = []
@@ -240,7 +247,7 @@ def _head(lines: TextLines) -> tuple[list[str], str, int]:
         row = taken[0] if taken else lines.next("a row of numbers")
         rows.append(row)
         if not row.strip(EMPTY):
-            # Thousands of rows before somebody is seen are looked at together.
+            # Empty rows are taken together, because there may be many before anybody is seen.
             more = lines.take(max(_BLANK - empty - 1, 1))
             end = next((i for i, each in enumerate(more) if each.strip(EMPTY)), len(more))
             lines.put_back(*more[end:])

@@ -1,4 +1,4 @@
-"""The lines of text files, counted, with the letters of several programs."""
+"""Numbered lines of text files, in the encodings of several programs."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 
 EMPTY: Final = " \t,;"
-"""What a line without anything may consist of."""
+"""Characters of an empty line."""
 _EMPTY_LINES: Final = 1000
-"""Empty lines above the numbers, at most."""
+"""Largest number of empty lines above the numbers."""
 _LONGEST: Final = 1 << 20
-"""Bytes in a line, at most: what has longer ones is no text."""
+"""Largest number of bytes in a line; a file with a longer line is not text."""
 _MOST: Final = 16 << 20
 """Bytes that are read at once, about."""
 _LOOKED_AT: Final = 64
-"""Bytes by which UTF-16 without its mark is known."""
+"""Bytes from which UTF-16 without a byte-order mark is recognised."""
 
 
 @dataclass
 class TextLines:
-    """The lines of a text file, counted.
+    """The lines of a text file, with their numbers.
 
     Attributes:
         path: the file.
-        file: it, opened.
+        file: the opened file.
         size: its size [bytes].
-        progress: told how much of it is read.
+        progress: is called with the share of the file that is read.
         line: number of the last line that was read.
     """
 
@@ -43,16 +43,16 @@ class TextLines:
 
     @property
     def ends(self) -> bool:
-        """Whether the last line has an end; the last one of a file that is cut has none."""
+        """Whether the last line has an end; the last line of a file that is cut has none."""
         return self._ended or bool(self._again)
 
     def put_back(self, *rows: str) -> None:
-        """Let the last lines be read once more."""
+        """Put the last lines back, so that they are read again."""
         self._again.extend(reversed(rows))
         self.line -= len(rows)
 
     def peek(self) -> str:
-        """Return the next line that is not empty, which stays to be read; "" if there is none."""
+        """Return the next line that is not empty and put it back; "" if there is none."""
         for _ in range(_EMPTY_LINES):
             rows = self.take(1)
             if rows and rows[0].strip(EMPTY):
@@ -61,10 +61,10 @@ class TextLines:
         return ""
 
     def next(self, wanted: str) -> str:
-        """Return the next line, without what ends it.
+        """Return the next line, without its end.
 
         Args:
-            wanted: what it should be, for the message.
+            wanted: its expected content in words, for the message.
         """
         lines = self.take(1)
         if not lines:
@@ -75,11 +75,11 @@ class TextLines:
 
     @property
     def share(self) -> float:
-        """How much of the file is read, from 0 to 1."""
+        """Share of the file that is read, from 0 to 1."""
         return min(self.file.tell() / self.size, 1.0) if self.size else 1.0
 
     def take(self, count: int) -> list[str]:
-        """Return the next lines, at most so many."""
+        """Return the next lines, at most `count`."""
         if self._again:
             rows = self._again[: -count - 1 : -1]
             del self._again[-count:]
@@ -101,27 +101,27 @@ class TextLines:
         try:
             text = b"".join(raw).decode("utf-8-sig" if first else "utf-8")
         except UnicodeDecodeError:
-            # What Windows programs write where names have accents; every byte is a letter of it.
+            # Some Windows programs write this encoding, in which every byte is a letter.
             text = b"".join(raw).decode("latin-1")
         self.progress(self.share)
-        # Not splitlines: for it more than these end a line, and lines would be counted wrongly.
+        # Not splitlines, which knows further line ends: the numbers of the lines would be wrong.
         return text.replace("\r\n", "\n").removesuffix("\n").split("\n")
 
     def _check(self, begin: bytes, end: bytes, first: bool) -> None:
         marked = begin.startswith((b"\xff\xfe", b"\xfe\xff"))
         if first and (marked or _is_wide(begin[:_LOOKED_AT])):
-            self.fail("got text in UTF-16, allowed UTF-8: save the file as such", 1)
+            self.fail("got text in UTF-16, allowed UTF-8: save the file in UTF-8", 1)
         if first and b"\n" not in begin and begin.count(b"\r") > 1:
             self.fail("got lines that end in a carriage return alone, allowed line feeds", 1)
         if len(end) >= _LONGEST and not self._ended:
             self.fail(f"got a line of more than {_LONGEST >> 20} MB, allowed a text with rows")
 
     def fail(self, problem: str, line: int | None = None) -> NoReturn:
-        """Say what is wrong with a line, the last one if no other is given."""
+        """Raise a RecordingError about a line; None: the last one that was read."""
         at = self.line if line is None else line
         raise RecordingError(f"{self.path.name}, line {at}: {problem}")
 
 
 def _is_wide(text: bytes) -> bool:
-    """Return whether every second byte of a text is zero, as of UTF-16's Latin letters."""
+    """Return whether every second byte of a text is zero, as in Latin letters of UTF-16."""
     return len(text) > 3 and any(not any(text[i::2]) and all(text[1 - i :: 2]) for i in (0, 1))

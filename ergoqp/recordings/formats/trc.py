@@ -1,8 +1,8 @@
 """Track Row Column files (.trc): marker positions, as programs export them for OpenSim.
 
-Three rows state rate, counts and unit; the fourth names the markers above their three columns; the
-fifth numbers the coordinates (Motion Analysis' format; OpenSim, "Marker (.trc) Files").
-Spreadsheets save them with commas.
+Three rows state rate, counts and unit. The fourth names the markers above their three columns. The
+fifth numbers the coordinates (Motion Analysis' format; OpenSim, "Marker (.trc) Files"). Spreadsheet
+programs save such files with commas.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
     Args:
         path: the file.
-        progress: told how much of it is read.
-        asked: unused, the file has times.
+        progress: is called with the share of the file that is read.
+        asked: unused, because the file has times.
 
     Raises:
-        RecordingError: it is no such file.
+        RecordingError: if it is not such a file.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
         first = lines.next("the line PathFileType")
         if not first.startswith("PathFileType"):
             lines.fail(f"got {short(first)}, allowed PathFileType")
-        keys, values = lines.next("the names of what is stated"), lines.next("what is stated")
+        keys, values = lines.next("the row of keys"), lines.next("the row of values")
         row = lines.next("the names of the markers")
         separator = separator_of(row)
         named = zip(cells(keys, separator), cells(values, separator), strict=False)
@@ -63,7 +63,7 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         if twice := [name for name, count in Counter(names).items() if count > 1]:
             lines.fail(f"got the marker {short(twice[0])} twice, allowed each once")
         at = [i for i, word in enumerate(head[2:]) if word]
-        # Some programs write the names one behind the other.
+        # Some programs write the names directly after each other.
         if at != list(range(0, 3 * len(at), 3)) and at != list(range(len(at))):
             lines.fail("got names that are not three columns apart, allowed one for each marker")
         if "x" not in (below := lines.next("the names of the coordinates")).lower():
@@ -75,9 +75,9 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             block = rows[:, 2:].astype(np.float32).reshape(len(rows), -1, 3)
             places.add(block, lines.share)
     if not stamps:
-        raise RecordingError(f"{path.name}: got no row of numbers, allowed a movement")
+        raise RecordingError(f"{path.name}: got no row of numbers, allowed a row for each frame")
     positions = places.whole
-    # Not all write seconds, and what they wrote the rate tells.
+    # Some programs write other units than seconds, which follow from the rate.
     rate = stated.get("datarate", "").replace(",", ".")
     second, said = unit_by_rate(stamps.whole, float(rate)) if is_number(rate) else (1.0, [])
     time, kept, notes = seconds(path.name, stamps.whole, second, [positions])

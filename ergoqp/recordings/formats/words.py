@@ -1,4 +1,4 @@
-"""Words in columns that stand for numbers: clock times, and how a tracker says that it sees."""
+"""Words in columns that stand for numbers: clock times, and a tracker's words for being seen."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _LOST: Final = frozenset(
     {"nottracked", "untracked", "lost", "off", "no", "false", "invalid", "notseen", "notvisible"}
     | {"invisible", "hidden", "occluded", "searching", "terminate", "none"}
 )
-"""What trackers call a joint that they do not see, without what parts words."""
+"""Words of trackers for a joint that they do not see, without separators of words."""
 
 
 class Clock:
-    """Seconds of a column of clock times, with dates or without."""
+    """Conversion of a column of clock times, with or without dates, to seconds."""
 
     def __init__(self, where: str = "") -> None:
-        """Begin at no time, in the column of this name."""
+        """Begin before the first time; `where` is the column's name."""
         self._where = where
         self._first: int | None = None
         self._days = 0
@@ -36,14 +36,14 @@ class Clock:
     def __call__(self, word: str) -> str:
         """Return the seconds since the midnight before the first time.
 
-        Without dates a clock that falls back by more than half a day has passed midnight.
+        Without dates, a clock that goes back by more than half a day has passed midnight.
 
         >>> clock = Clock()
         >>> clock("23:59:59.5"), clock("00:00:01")
         ('86399.5', '86401.0')
 
         Raises:
-            ValueError: it is no time; says what is allowed.
+            ValueError: if it is not a time; the text says what is allowed.
         """
         match = _STAMP.fullmatch(word)
         try:
@@ -69,7 +69,7 @@ class Clock:
 
 
 def surety(word: str) -> str:
-    """Return how surely a joint is seen by a tracker's word for it.
+    """Return the confidence that a tracker's word for a joint stands for, as a number in words.
 
     >>> surety("NOT_TRACKED"), surety("Inferred"), surety("0.7")
     ('0', '1', '0.7')

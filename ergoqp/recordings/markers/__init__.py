@@ -1,1 +1,1 @@
-"""From markers on the skin to the joint centres below it."""
+"""Joint centres from markers on the skin."""

@@ -1,11 +1,11 @@
-"""Joint centres from landmarks: what lies how far below the skin.
+"""Joint centres from landmarks on the skin.
 
-Hips are where Harrington et al. (2007) found them in the pelvis; knee, elbow and ankle lie half
-their width inside of the marker on their outside, across the bone above ("chord", Davis et al.
-1991), or between the markers on both sides. The elbow bends, so its axis is across the arm; the
-knee's is where the marker on the thigh shows it.
+The hips follow from the pelvis (Harrington et al. 2007). Knee, elbow and ankle lie half their width
+inside the outer marker, perpendicular to the bone above ("chord", Davis et al. 1991), or midway
+between the outer and the inner marker. The axis of the elbow follows from its bend, and that of the
+knee from the marker on the thigh.
 
-All lengths are in metres; NaN is what is not seen. No vertical is needed.
+All lengths are in metres, and NaN means not seen. The vertical is not needed.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from ergoqp.recordings.fitting.limbs import THUMB
 from ergoqp.recordings.markers.vectors import across, dot, either, inside, unit
 
 _BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
-"""A limb that is bent by less does not show its axis, one by more shows it well."""
+"""Sines of the bends up to which a limb does not show its axis, and from which it does fully."""
 _ROUNDS: Final = 5
 _OUTSIDE: Final = 0.01
-"""A marker that is nearer to the line of a bone does not show how the bone is turned [m]."""
+"""Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
 
 
 @dataclass(frozen=True)
 class Widths:
-    """How far inside of their markers joints are [m]; markers are 14 mm wide.
+    """Distances of joints from their markers [m]; markers are 14 mm wide.
 
-    The defaults are adult averages. What a recording says was measured takes their place.
+    The defaults are adult averages. Measures in the recording replace them.
 
     Attributes:
         knee: half the knee's width and half a marker.
-        ankle: likewise.
-        elbow: likewise.
+        ankle: half the ankle's width and half a marker.
+        elbow: half the elbow's width and half a marker.
         shoulder: from the acromion's marker down to the joint.
         hand: half the hand's thickness and half a marker.
     """
@@ -49,7 +49,11 @@ class Widths:
 
     @classmethod
     def of(cls, measures: Mapping[str, float]) -> Widths:
-        """Return the widths that Vicon's programs wrote into a file, by their names."""
+        """Return the widths from the measures that Vicon's programs write into a file.
+
+        Args:
+            measures: name of a measure, in small letters -> its value [m].
+        """
         half, found = 0.007, {}
         for name, share in (("knee", 0.5), ("ankle", 0.5), ("elbow", 0.5), ("hand", 0.5)):
             what = "thickness" if name == "hand" else "width"
@@ -59,19 +63,19 @@ class Widths:
         sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
         if min(sides) > 0:
             found["shoulder"] = float(np.mean(sides)) + half
-        # What is not a person's is a mistake of whoever typed it.
+        # Widths that cannot be those of a person are typing errors.
         return cls(**{name: w for name, w in found.items() if 0.5 < w / getattr(cls, name) < 2.0})
 
 
 def centres_of_landmarks(
     at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
 ) -> dict[str, np.ndarray]:
-    """Return joint centre -> positions (n, 3) [m], for those that can be told.
+    """Return joint centre -> positions (n, 3) [m], for the centres that are determined.
 
     Args:
         at: landmark of `ergoqp.recordings.markers.landmarks.LANDMARKS` -> positions (n, 3) [m].
-        widths: of the person.
-        size: width between the ASIS and depth from them to the PSIS [m]; NaN if not known.
+        widths: widths of the person.
+        size: width between the ASIS and depth from them to the PSIS [m]; NaN if unknown.
     """
     place = _Landmarks(at)
     level, hips = _hips(place, size)
@@ -90,12 +94,12 @@ def centres_of_landmarks(
 def roots_of(
     at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
 ) -> dict[str, np.ndarray]:
-    """Return the centres from which limbs hang (n, 3) [m]: they are told without their markers.
+    """Return hips and shoulders (n, 3) [m], which do not depend on the markers of the limbs.
 
     Args:
         at: as in `centres_of_landmarks`.
-        widths: likewise.
-        size: likewise.
+        widths: as in `centres_of_landmarks`.
+        size: as in `centres_of_landmarks`.
     """
     place = _Landmarks(at)
     _, hips = _hips(place, size)
@@ -104,7 +108,7 @@ def roots_of(
 
 
 class _Landmarks:
-    """Landmarks, those that are not there too."""
+    """Landmarks; a missing one is NaN everywhere."""
 
     def __init__(self, at: Mapping[str, np.ndarray]) -> None:
         self._at, self._lost = at, np.full_like(next(iter(at.values())), np.nan)
@@ -121,7 +125,7 @@ class _Landmarks:
 
 
 def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return where left is (n, 3), and the hip centres."""
+    """Return the left direction of the pelvis (n, 3), and the hip centres."""
     width, depth = size
     front = place.middle("asis")
     back = either(place.middle("psis"), place["sacrum"], place["right_psis"], place["left_psis"])
@@ -137,7 +141,7 @@ def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dic
 def _trunk(
     place: _Landmarks, hips: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-    """Return the base of the neck, and where down and left are in the trunk (n, 3)."""
+    """Return the base of the neck, and the directions down and left of the trunk (n, 3)."""
     shoulders = place.middle("acromion")
     neck = either((place["c7"] + place["notch"]) / 2, shoulders)
     low = either((place["back"] + place["xiphoid"]) / 2, place["back"], place["xiphoid"])
@@ -179,15 +183,15 @@ def _arm(
     left, down = trunk
     pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
     thumb, small = (place[name] for name in pair)
-    # While one of two is lost, the other is 3 cm beside the joint, and it is not known where.
+    # If one of two is lost, the wrist is lost: the other is 3 cm from it in an unknown direction.
     wrist = (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
     outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
-    # The forearm bends to the front of the arm: across both is the axis. It is taken by the marker
-    # and not by the joint below it, as Plug-in Gait does; that is off where the arm is straighter.
+    # The axis is perpendicular to upper arm and forearm. As in Plug-in Gait, the marker is used for
+    # it and not the joint below, which causes an error while the arm is nearly straight.
     upper, fore = unit(outer - shoulder), unit(wrist - outer)
     aside = _axis(-out * np.cross(upper, fore), _carried(out * left, down, upper), upper)
     elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
-    # Hands: the marker is on their back.
+    # The marker of the hand is on its back.
     radial = thumb - small
     hand = place[f"{side}_hand"]
     dorsal = unit(np.cross(hand - wrist, radial)) * -out
@@ -212,7 +216,7 @@ def _leg(
     widths: Widths,
 ) -> dict[str, np.ndarray]:
     knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
-    # The shank bends to the back of the thigh.
+    # The shank bends backward.
     both = (ankle + place[f"{side}_inner_ankle"]) / 2
     bent, aside = _knee(hip, knee, (ankle, both), out * left, widths, out)
     shown = _shown(hip, knee, place[f"{side}_thigh"])
@@ -237,17 +241,18 @@ def _knee(
     widths: Widths,
     out: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the knee by its marker and its bend (n, 3), and where its outside is.
+    """Return the knee from its marker and its bend (n, 3), and its outward direction (n, 3).
 
-    The axis is across both bones, and these end in the knee: a few rounds find both.
+    The axis is perpendicular to both bones, which depend on the knee in turn. A few rounds find
+    both.
 
     Args:
-        hip: where the thigh begins (n, 3).
-        marker: on the outside of the knee.
-        ankle: marker on its outside, and the joint where both its sides have one.
-        usual: the outside while the leg is straight and does not show it.
-        widths: of the person.
-        out: sign of the outside along the cross product of both bones.
+        hip: upper end of the thigh (n, 3).
+        marker: marker on the outside of the knee.
+        ankle: marker on the outside of the ankle, and the joint if both sides have a marker.
+        usual: outward direction while the leg is straight and does not show it.
+        widths: widths of the person.
+        out: sign of the outward direction along the cross product of both bones.
     """
     aside, knee = usual, marker
     for _ in range(_ROUNDS):
@@ -259,12 +264,12 @@ def _knee(
 
 
 def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Return where the outside is (n, 3): as the bend shows it, the usual one while it is straight.
+    """Return the outward direction (n, 3): from the bend, or the usual one while it is straight.
 
     Args:
-        shown: across both bones, as long as the bend shows.
-        usual: the outside of the trunk.
-        along: the bone.
+        shown: cross product of both bones, whose length is the sine of the bend.
+        usual: usual outward direction.
+        along: direction of the bone.
     """
     size = np.linalg.norm(shown, axis=1, keepdims=True)
     share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
@@ -274,14 +279,14 @@ def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray
 
 
 def _carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Return where the outside of a hanging bone is when it is raised, not turned about itself."""
+    """Return the outward direction of a hanging bone after it is raised without axial rotation."""
     below = np.maximum(1 + dot(down, along), 0.1)
     raised = aside - dot(aside, along) / below * (down + along)
     return either(raised, aside)
 
 
 def _shown(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Return where the outside is by a marker beside a bone (n, 3); NaN if it is too near."""
+    """Return the outward direction by a marker beside a bone (n, 3); NaN if it is too near."""
     along = unit(end - origin)
     away = beside - origin
     away = across(away, along)

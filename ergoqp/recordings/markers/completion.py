@@ -1,4 +1,4 @@
-"""Markers that are lost for a while, put where the others have them."""
+"""Estimation of markers that are lost for a while, from the others."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ergoqp.recordings.markers.gauss_newton import told_markers
 from ergoqp.recordings.motion import JointMotion
 
 _LEAST: Final = 10
-"""Markers that must be seen in a frame."""
+"""Least number of markers that are seen in a frame."""
 _SURE: Final = 0.025
-"""A place whose standard deviation is larger is not told [m]: it would turn a bone by some 5
-degrees. Of real takes, no gap that is told is farther off (`benchmarks.recording_told`)."""
+"""Largest standard deviation of an estimate that is used [m]; such an error turns a bone by about 5
+degrees. In real takes, no gap that was filled has a larger error (`benchmarks.recording_told`)."""
 _STEADY: Final = 0.03
-"""A marker that usually is farther from where it sits is not followed [m]."""
+"""Largest residual of a marker that is used and estimated [m]."""
 _BLOCK: Final = 4096
 
 
@@ -41,17 +41,17 @@ def completed(
     axes: np.ndarray,
     along: Mapping[str, np.ndarray],
 ) -> JointMotion | None:
-    """Return the motion with lost markers where the others tell them; None if they tell none.
+    """Return the motion with lost markers as estimated from the others; None if none is.
 
     Args:
         motion: the markers, in the file's unit and axes.
-        sits: used marker -> where it sits on the body.
+        sits: used marker -> its place on the body.
         body: the person.
-        pelvis: x, y, z [m] and yaw [rad] (n, 4), as a fit without these markers has it.
-        postures: likewise (n, 32) [rad].
+        pelvis: x, y, z [m] and yaw [rad] (n, 4), from a fit without the lost markers.
+        postures: joint angles from the same fit (n, 32) [rad].
         axes: from the file's unit and axes to metres along ours (3, 3).
-        along: marker -> by how much the fitted person is elsewhere (n, 3) [m], if at all: of a
-            skeleton that leans all above the hips is put where it would be upright.
+        along: marker -> shift of the fitted person against the recording (n, 3) [m], if any:
+            everything above the hips is shifted if the skeleton leans and is straightened.
     """
     sits = {name: each for name, each in sits.items() if each.residual < _STEADY}
     if len(sits) < _LEAST:
@@ -80,7 +80,7 @@ def completed(
     if not count:
         return None
     said = (
-        f"In {int(told.sum())} of {len(told)} frames markers are lost that the others tell to"
-        f" {100 * _SURE:g} cm: they are put there ({count} places)."
+        f"In {int(told.sum())} of {len(told)} frames lost markers are estimated from the others,"
+        f" with a standard deviation below {100 * _SURE:g} cm ({count} places)."
     )
     return replace(motion, positions=positions, notes=(*motion.notes, said))

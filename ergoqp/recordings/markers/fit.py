@@ -1,7 +1,7 @@
-"""Where markers sit on the fitted body, and how well that holds: their offsets and residuals.
+"""Places of markers on the fitted body: their offsets and residuals.
 
-One function for everybody and every marker set: lengths of the person and offsets of the markers
-are its inputs, and nothing is compiled for either.
+One function serves all people and all marker sets: the person's lengths and the markers' offsets
+are its inputs, so nothing is compiled again.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ _ON: Final = {
     "head_front": ("head",),
     "head_back": ("head",),
 }
-"""Landmark -> frames that it may sit on, on its own side where there are two."""
+"""Landmark -> frames that it may be fixed to, on its own side where there are two."""
 _BLOCK: Final = 4096
 _ROUNDS: Final = 3
 _ASTRAY: Final = 3.0
-"""What is this many times as far as usual does not say where a marker sits."""
+"""Positions farther away than this many times the median are not used for a marker's place."""
 
 
 def markers_on(
@@ -62,17 +62,17 @@ def markers_on(
     markers: Mapping[str, np.ndarray],
     landmarks: Mapping[str, str],
 ) -> dict[str, Marker]:
-    """Return where markers sit on a body: of the segments beside them, on the one they move with.
+    """Return the places of markers on a body: each on the nearby segment with which it moves.
 
-    Those of pelvis, trunk or head are on one segment, in the shape that they keep among themselves:
-    a pelvis that tilts is turned against both segments that it may be on.
+    The markers of pelvis, trunk or head are all on one segment, in the shape that they keep: a
+    tilting pelvis rotates against both segments to which its markers may be fixed.
 
     Args:
         body: the person.
         pelvis: x, y, z [m] and yaw [rad] (n, 4).
         postures: joint angles (n, 32) [rad].
         markers: name -> positions (n, 3) [m]; NaN where not seen.
-        landmarks: name -> the landmark that it is, or the segment that it is on.
+        landmarks: name -> the landmark that it marks, or the segment that it is on.
     """
     if not markers:
         return {}
@@ -92,7 +92,7 @@ def markers_on(
         _, frame, offsets = best
         shape = shape_of(np.stack([markers[name] for name in names], axis=1))
         if shape is not None and (rigid := brought_to(shape, np.array(offsets))) is not None:
-            # One that is never seen with the others is not in the shape.
+            # A marker that is never seen with the others is not in the shape.
             offsets = list(np.where(np.isfinite(rigid[0]), rigid[0], offsets))
         for name, offset in zip(names, offsets, strict=True):
             away = np.linalg.norm(markers[name] - _placed(turns, places, frame, offset), axis=1)
@@ -108,13 +108,13 @@ def markers_on(
 def places_of_markers(
     body: Body, pelvis: np.ndarray, postures: np.ndarray, sits: Mapping[str, Marker]
 ) -> dict[str, np.ndarray]:
-    """Return where markers are (n, 3) [m] that sit on a body.
+    """Return marker -> positions (n, 3) [m], from its place on a body.
 
     Args:
         body: the person.
         pelvis: x, y, z [m] and yaw [rad] (n, 4).
         postures: joint angles (n, 32) [rad].
-        sits: where they sit, by `markers_on`.
+        sits: marker -> its place on the body, from `markers_on`.
     """
     turns, places = _frames(body, pelvis, postures)
     return {
@@ -124,7 +124,7 @@ def places_of_markers(
 
 
 def _placed(turns: np.ndarray, places: np.ndarray, frame: str, offset: np.ndarray) -> np.ndarray:
-    """Return a marker (n, 3) [m] on a frame with turns (n, f, 3, 3), places (n, f, 3)."""
+    """Return a marker (n, 3) [m] on one of the frames (rotations n, f, 3, 3; places n, f, 3)."""
     i = SEGMENTS.index(frame)
     return places[:, i] + turns[:, i] @ offset
 
@@ -132,7 +132,7 @@ def _placed(turns: np.ndarray, places: np.ndarray, frame: str, offset: np.ndarra
 def _together(
     markers: Mapping[str, np.ndarray], landmarks: Mapping[str, str]
 ) -> list[tuple[str, ...]]:
-    """Return the markers that are seen: those of a rigid segment together, others by themselves."""
+    """Return groups of the markers that are seen: a rigid segment's together, others alone."""
     groups: dict[str, tuple[str, ...]] = {}
     for name, path in markers.items():
         if np.isfinite(path).all(axis=1).any():
@@ -144,7 +144,7 @@ def _together(
 
 
 def _beside(landmark: str) -> list[str]:
-    """Return the frames that a marker may sit on."""
+    """Return the frames that a marker may be fixed to."""
     if landmark in SEGMENTS:
         return [landmark]
     side, _, name = landmark.partition("_")
@@ -154,7 +154,7 @@ def _beside(landmark: str) -> list[str]:
 
 
 def _middle(local: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return where points (n, 3) are but for those astray, and how far from there usually."""
+    """Return the mean of points (n, 3) without outliers, and the median distance from it."""
     local = local[np.isfinite(local).all(axis=1)]
     offset = np.median(local, axis=0)
     for _ in range(_ROUNDS):
@@ -165,7 +165,7 @@ def _middle(local: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return turns (n, f, 3, 3) and places (n, f, 3) [m] of `SEGMENTS`."""
+    """Return rotations (n, f, 3, 3) and positions (n, f, 3) [m] of `SEGMENTS`."""
     z, function, growth = np.hstack([pelvis, postures]), _function(), growth_of(body)
     parts = [np.array(function(z[at : at + _BLOCK].T, growth)) for at in range(0, len(z), _BLOCK)]
     values = np.hstack(parts).T.reshape(len(z), len(SEGMENTS), 4, 3)
@@ -174,7 +174,7 @@ def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.nd
 
 @cache
 def _function() -> ca.Function:
-    """Return pelvis and posture (36,), growth (14,) -> place and columns of the axes of each."""
+    """Return a function: pelvis and posture (36,), growth (14,) -> position and axes of each."""
     given = inputs()
     rows = [part for place, turn, _ in segments(*given) for part in (place, ca.vec(turn))]
     return ca.Function("frames", given, [ca.densify(ca.cse(ca.vertcat(*rows)))])

@@ -1,4 +1,4 @@
-"""The segments that markers may sit on, as expressions of pelvis, posture and growth."""
+"""The segments that markers may be fixed to, as expressions of pelvis, posture and growth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import JOINTS, SIDES
 
 SIZE: Final = 4 + len(JOINTS)
-"""Numbers of a pelvis and a posture."""
+"""Number of variables of a pelvis and a posture."""
 SEGMENTS: Final = (
     "pelvis",
     "trunk",
@@ -24,7 +24,7 @@ SEGMENTS: Final = (
         for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     ),
 )
-"""One frame of each segment that markers may sit on."""
+"""One frame of each segment that markers may be fixed to."""
 
 
 def inputs() -> tuple[ca.SX, ca.SX]:
@@ -33,11 +33,11 @@ def inputs() -> tuple[ca.SX, ca.SX]:
 
 
 def segments(z: ca.SX, growth: ca.SX) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
-    """Yield place (3,) [m], axes (3, 3) and Jacobian (6, 36) of `SEGMENTS` in the world.
+    """Yield position (3,) [m], axes (3, 3) and Jacobian (6, 36) of `SEGMENTS` in the world.
 
     Args:
-        z: pelvis and posture, by `inputs`.
-        growth: likewise.
+        z: pelvis and posture, from `inputs`.
+        growth: growth of the body, from `inputs`.
     """
     kinematics = Kinematics(Body(), growth)
     cos, sin = ca.cos(z[3]), ca.sin(z[3])

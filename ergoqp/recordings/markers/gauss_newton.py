@@ -1,10 +1,10 @@
-"""Postures from some of the markers that a calibration has placed: for frames in which others lack.
+"""Estimation of lost markers: postures from the markers that are seen.
 
-A few rounds of Gauss-Newton, all frames at once: the joints within their ranges, drawn weakly to
-where they were in time, and a marker that is far from where it sits weighs less (Cauchy's loss).
-How surely a marker that is not seen is known follows from the curvature: it is told where those
-beside it do tell it, and not where they do not. Lengths and offsets are inputs of the one function
-that is compiled.
+A few Gauss-Newton steps solve many frames at once. The joints stay within their ranges and are
+weakly pulled to the posture of the first fit. A marker that is far from its place on the body
+weighs less (Cauchy's loss). The standard deviation of a marker that is not seen follows from the
+curvature: it is small only if nearby markers determine the marker. Lengths and offsets are inputs
+of the one compiled function.
 """
 
 from __future__ import annotations
@@ -23,17 +23,16 @@ from ergoqp.recordings.fitting.centres_of import growth_of
 from ergoqp.recordings.markers.frames import SEGMENTS, SIZE, inputs, segments
 
 _BLOCK: Final = 512
-"""Frames at once: the curvatures of more are much."""
+"""Frames that are solved at once; the curvatures of more would need much memory."""
 _SKIN: Final = 0.01
-"""How exactly a marker on the skin tells where its segment is [m]."""
+"""Least standard deviation of a marker on the skin [m]."""
 _ANEW: Final = 1.5
-"""By how many times its residual a marker may be elsewhere where it is not seen: the person is
-fitted to those that are, and the skin of a new posture is not that of the others."""
+"""Factor on a marker's residual for its own error where it is not seen: the fit follows the markers
+that are seen, and in a new posture the skin moves otherwise."""
 _FAR: Final = (0.3, 0.3, 0.15, 0.08, 0.03, 0.03)
-"""A marker that is so far from where it sits weighs half [m], round by round: a limb may begin far
-from where it is."""
+"""Distance at which a marker weighs half [m], per round: a limb may start far from its place."""
 _DRAWN: Final = np.array([0.2, 0.2, 0.2, 0.5, *np.full(len(JOINTS), 0.35)])
-"""How far the posture may be from the one that is drawn to: place [m] and angles [rad]."""
+"""Standard deviation of the posture from the one it is pulled to: position [m], angles [rad]."""
 
 
 def told_markers(
@@ -42,13 +41,13 @@ def told_markers(
     markers: Mapping[str, np.ndarray],
     sits: Mapping[str, Marker],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return where markers are by those that are seen, and how surely.
+    """Return estimated positions of markers from those that are seen, and standard deviations.
 
     Args:
         body: the person.
-        start: pelvis and posture to begin with and be drawn to (n, 36).
+        start: pelvis and posture to start from and to be pulled to (n, 36).
         markers: name -> positions (n, 3) [m]; NaN where not seen.
-        sits: where they sit on the body.
+        sits: name -> place on the body.
 
     Returns:
         Name -> positions (n, 3) [m], and name -> standard deviation (n,) [m], of every marker.
@@ -81,7 +80,7 @@ def _solved(
     offsets: np.ndarray,
     exact: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the markers sit (n, m, 3) and the standard deviations (n, m) of that [m]."""
+    """Return estimated positions of markers (n, m, 3) and their standard deviations (n, m) [m]."""
     z = start.copy()
     lower = np.concatenate([np.full(4, -np.inf), LOWER])
     upper = np.concatenate([np.full(4, np.inf), UPPER])
@@ -103,7 +102,7 @@ def _solved(
 def _normal(
     place: np.ndarray, slope: np.ndarray, seen: np.ndarray, exact: np.ndarray, half: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return curvature (n, 36, 36) and pull (n, 36) of the markers that are seen."""
+    """Return the Hessian (n, 36, 36) and the negative gradient (n, 36) for the seen markers."""
     there = np.asarray(np.isfinite(seen).all(axis=2))
     miss = np.where(there[:, :, None], seen - place, 0.0)
     far = np.linalg.norm(miss, axis=2)
@@ -117,25 +116,25 @@ def _normal(
 def _placed(
     z: np.ndarray, growth: np.ndarray, frames: np.ndarray, offsets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return markers (n, m, 3) [m] and how they move with pelvis and posture (n, m, 3, 36)."""
+    """Return markers (n, m, 3) [m] and their Jacobians by pelvis and posture (n, m, 3, 36)."""
     values = _values(z, growth).reshape(len(z), len(SEGMENTS), -1)[:, frames]
     origin, turn = values[:, :, :3], values[:, :, 3:12].reshape(*values.shape[:2], 3, 3)
     moved = values[:, :, 12:].reshape(*values.shape[:2], SIZE, 6)
-    # CasADi's matrices are column by column.
+    # CasADi's matrices are stored by columns.
     arm = np.einsum("nmji,mj->nmi", turn, offsets)
     about = np.cross(moved[..., 3:], arm[:, :, None])
     return origin + arm, np.swapaxes(moved[..., :3] + about, 2, 3)
 
 
 def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
-    """Return what the function says of each frame, a row each."""
+    """Return the values of the compiled function, one row per frame."""
     function = _function()
     given = np.zeros((_BLOCK, SIZE))
     given[: len(z)] = z
     lengths = np.tile(growth, (_BLOCK, 1))
     found = np.empty((_BLOCK, function.size1_out(0)))
-    # Into numpy's own memory: as CasADi's matrices the numbers would take most of the time.
-    # CasADi's stubs ask for a length, which these do not take.
+    # The results go into NumPy's memory, because CasADi's matrices would take most of the time.
+    # CasADi's stubs ask for a length, which these methods do not take.
     buffer, evaluate = function.buffer()
     for i, array in enumerate((given, lengths)):
         buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
@@ -146,7 +145,7 @@ def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
 
 @cache
 def _function() -> ca.Function:
-    """Return pelvis and posture (36,), growth (14,) -> place, axes and Jacobian of each segment."""
+    """Return a function: pelvis and posture, growth -> position, axes and Jacobian of segments."""
     given = inputs()
     rows = [ca.vec(part) for parts in segments(*given) for part in parts]
     one = ca.Function("segments", given, [ca.densify(ca.cse(ca.vertcat(*rows)))])

@@ -1,4 +1,4 @@
-"""From a recording of markers to one of joint centres, block by block."""
+"""Joint centres from a recording of markers, block by block."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import CENTRES
 
 _BLOCK: Final = 8192
-"""Frames at once."""
+"""Frames that are computed at once."""
 _SAMPLE: Final = 4000
-"""Frames by which shapes and widths are found."""
+"""Frames from which shapes and widths are found, about."""
 _PELVIS: Final = (0.15, 0.40)
-"""How far apart the two ASIS of a person are [m]."""
+"""Range of the distance between the two ASIS of a person [m]."""
 _SHOULDERS: Final = (0.22, 0.55)
-"""How far apart a person's acromions are [m]."""
+"""Range of the distance between the acromions of a person [m]."""
 _ON_ITS_WAY: Final = 0.1
-"""For how long a marker is on its way to where it is astray, and back [s]."""
+"""Time that a marker needs to move to a wrong place, and back [s]."""
 _BARE_ELBOW: Final = (
     "An elbow with one marker is taken to bend about the axis that this marker shows, as in"
-    " Plug-in Gait: where the arm is bent by less than 25 deg it may be off by 12 deg, and the"
+    " Plug-in Gait: if the arm is bent by less than 25 deg, the elbow may be off by 12 deg and the"
     " upper arm's rotation by 15 deg."
 )
 _UNITS: Final = (1.0, 0.01, 0.001, 0.0254)
 
 
 Astray = dict[str, np.ndarray]
-"""Landmark, or further marker -> the frames in which it is another's or fell off (k,)."""
+"""Landmark, or further marker -> the frames in which it is in a wrong place and left out (k,)."""
 
 
 def joints_of_markers(
@@ -51,22 +51,22 @@ def joints_of_markers(
     unit: float,
     progress: Progress = unseen,
 ) -> tuple[dict[str, np.ndarray], list[str], Astray]:
-    """Return joint centre -> positions (n, 3) [m] below markers, sentences on how, and the astray.
+    """Return joint centre -> positions (n, 3) [m], sentences, and the markers that are left out.
 
     Args:
         motion: the markers.
-        where: its name, for messages.
-        landmarks: landmark, or joint centre -> the places of the markers whose middle it is.
-        more: rigid segment -> the places of its further markers.
-        given: name of a marker -> where it sits, as a person file has it.
+        where: the recording's name, for messages.
+        landmarks: landmark, or joint centre -> indices of the markers whose middle it is.
+        more: rigid segment -> indices of its further markers.
+        given: name of a marker -> its place on the body, from a person file.
         unit: the file's unit of length [m].
-        progress: told the share of the frames that is done.
+        progress: is called with the share of the frames that is done.
 
     Raises:
-        RecordingError: the pelvis cannot be placed.
+        RecordingError: if the pelvis cannot be placed, or markers are in impossible places.
     """
     every = max(1, len(motion.time) // _SAMPLE)
-    # Of a wrist with one marker that is never seen the other is all there is.
+    # If one marker of a wrist is never seen, the wrist is computed from the other one.
     landmarks = {
         name: which
         for name, which in landmarks.items()
@@ -76,7 +76,7 @@ def joints_of_markers(
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
         unplaced = _unplaced(where, _at(landmarks, motion.positions[::every], unit))
-        # Whose person file is another's would look for the markers.
+        # A person file of somebody else may be the reason, so its sentence is added.
         for sentence in said:
             if "pelvis's markers are not where" in sentence:
                 unplaced += f"; t{sentence[1:-1]}"
@@ -87,12 +87,12 @@ def joints_of_markers(
     links = Links(roots_of(sample, widths, size) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
     around = round(_ON_ITS_WAY / step)
-    # Each by itself, so that it can be let go of by itself.
+    # One array per centre, so that the memory of each can be freed separately.
     centres: dict[str, np.ndarray] = {}
     filled: Counter[str] = Counter()
     astray: Astray = {}
     for start in range(0, count, _BLOCK):
-        # With those around it: what is on its way into it, or out of it, is elsewhere in others.
+        # The block and the frames around it, in which a marker may move to a wrong place or back.
         rows = slice(max(0, start - around), start + _BLOCK + around)
         inside = slice(start - rows.start, start - rows.start + _BLOCK)
         block = motion.positions[rows]
@@ -101,7 +101,7 @@ def joints_of_markers(
             for name, away in segment.complete(at, block, unit, filled, inside).items():
                 _add(astray, name, start, away[inside])
         for name, away in links.astray(roots_of(at, widths, size) | at, around).items():
-            # A shoulder is where its acromion is.
+            # The shoulder is computed from the acromion, so the acromion is the wrong marker.
             landmark = name.replace("shoulder", "acromion")
             if landmark in at:
                 _add(astray, landmark, start, away[inside])
@@ -119,7 +119,7 @@ def joints_of_markers(
 
 
 def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:
-    """Note the frames (n,) bool after `start` in which something is astray."""
+    """Add the frames (n,) bool after `start` in which a marker is in a wrong place."""
     if away.any():
         before = astray.get(name, np.empty(0, dtype=int))
         astray[name] = np.concatenate([before, start + np.flatnonzero(away)])
@@ -133,7 +133,7 @@ def _at(
 
 
 def _unplaced(where: str, at: Mapping[str, np.ndarray]) -> str:
-    """Return what is said of landmarks (n, 3) that do not place the pelvis."""
+    """Return the error text for landmarks (n, 3) from which the pelvis cannot be placed."""
     lost = np.full((1, 3), np.nan)
     seen = [mark for mark in RIGID["pelvis"] if np.isfinite(at.get(mark, lost)).any()]
     return (
@@ -148,10 +148,10 @@ def unit_of_markers(
     landmarks: Mapping[str, tuple[int, ...]],
     stated: float | None,
 ) -> float:
-    """Return the only unit with which pelvis or shoulders are a person's, or the stated one [m].
+    """Return the stated unit, or the only one that gives the width of a person [m].
 
     Raises:
-        RecordingError: there is none, or more than one; or it is not the one that is stated.
+        RecordingError: if no unit or more than one gives it, or the stated one does not.
     """
     every = max(1, len(motion.time) // _SAMPLE)
     at = _at(landmarks, motion.positions[::every], 1.0)
@@ -175,7 +175,7 @@ def unit_of_markers(
     if stated is not None:
         return stated
     raise RecordingError(
-        f"{where}: the unit of length is not stated, and neither pelvis nor shoulders tell it;"
+        f"{where}: the unit of length is not stated, and neither pelvis nor shoulders show it;"
         " state the unit (unit_to_m)"
     )
 
@@ -183,23 +183,23 @@ def unit_of_markers(
 def _said(widths: Widths, filled: Counter[str], count: int) -> list[str]:
     measured = widths != Widths()
     said = [
-        "Joint centres are computed from the markers, which are taken to be 14 mm wide: hips by"
-        " the pelvis (Harrington et al. 2007), the others inside of their markers by"
+        "Joint centres are computed from the markers, which are taken to be 14 mm wide: the hips"
+        " from the pelvis (Harrington et al. 2007), the others inside their markers by"
         f" {1000 * widths.knee:.0f} mm at the knee, {1000 * widths.ankle:.0f} at the ankle,"
         f" {1000 * widths.elbow:.0f} at the elbow and {1000 * widths.shoulder:.0f} at the shoulder"
-        f" ({'as the file has measured them' if measured else 'adult averages'}) where only one"
-        " side has a marker."
+        f" ({'as measured in the file' if measured else 'adult averages'}) where only one side has"
+        " a marker."
     ]
-    words = "are not seen and put where those that move with them have them"
+    words = "are not seen and are placed by those that move with them"
     return [*said, *_counted(words, filled, count)]
 
 
 def astray_said(motion: JointMotion, astray: Astray) -> list[str]:
-    """Return a sentence on markers that are another's or fell off, or none.
+    """Return a sentence about markers that are left out because they are in a wrong place, or none.
 
-    It is not said a second time of a motion from which they are taken already.
+    It is not repeated for a motion from which they have been removed.
     """
-    words = "are nowhere near those that move with them, taken for another's and left out"
+    words = "are far from those that move with them and are left out"
     if any(words in note for note in motion.notes):
         return []
     counts = Counter({name: len(frames) for name, frames in astray.items()})
@@ -210,7 +210,7 @@ def _counted(words: str, each: Counter[str], count: int) -> list[str]:
     each = +each
     if not each:
         return []
-    # Of those that are so equally often the order is not that in which blocks show them.
+    # Equal counts are sorted by name, so that the order does not depend on the blocks.
     most = sorted(each.items(), key=lambda pair: (-pair[1], pair[0]))[:6]
     shares = ", ".join(f"{name.replace('_', ' ')} in {frames}" for name, frames in most)
     more = f" and {len(each) - 6} more markers" if len(each) > 6 else ""

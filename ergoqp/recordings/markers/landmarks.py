@@ -1,4 +1,4 @@
-"""Which markers sit on which landmarks of the body; the known marker sets are data."""
+"""Assignment of markers to landmarks of the body; the known marker sets are data."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ergoqp.joints import SIDES
 from ergoqp.recordings.names import squashed
 
 MIDDLE: Final = ("c7", "back", "notch", "xiphoid", "sacrum")
-"""Landmarks that are there once: vertebra C7, the spine at about T10, the notch above the
-breastbone, its lower end, the sacrum between the two PSIS."""
+"""Landmarks in the middle: vertebra C7, the spine at about T10, the notch above the breastbone, its
+lower end, the sacrum between the two PSIS."""
 SIDED: Final = (
     "head_front",
     "head_back",
@@ -41,7 +41,7 @@ SIDED: Final = (
 finger, ``hand`` on the back of the knuckles, ``forefoot`` on the foot above the second toe's ball,
 ``upper_arm``, ``forearm``, ``thigh`` and ``shank`` on the outside between the joints."""
 LANDMARKS: Final = (*MIDDLE, *(f"{side}_{name}" for side in SIDES for name in SIDED))
-"""Names of the places on the skin where markers sit, the sided ones with their side.
+"""Names of the places of markers on the skin; those on both sides begin with the side.
 
 Example:
     >>> from ergoqp.recordings.markers.landmarks import LANDMARKS
@@ -54,20 +54,20 @@ RIGID: Final = {
     "trunk": ("c7", "back", "notch", "xiphoid"),
     "head": tuple(f"{side}_head_{end}" for side in SIDES for end in ("front", "back")),
 }
-"""Segments that are followed as a whole -> the landmarks that move as one with them."""
+"""Segments that are tracked as rigid shapes -> their landmarks."""
 _BELOW: Final = ("asis", "psis", "sacrum", "thigh", "knee", "shank", "ankle", "heel", "forefoot")
 _LEAST: Final = 8
-"""Fewer landmarks are chance."""
+"""Fewer landmarks than this may match by chance."""
 
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """One way of naming markers.
+    """A convention for the names of markers.
 
     Attributes:
-        title: how it is called in messages.
-        landmarks: landmark -> names of which the first that is there is taken.
-        more: rigid segment -> further markers that sit on it.
+        title: its name in messages.
+        landmarks: landmark -> possible names; the first one in the recording is used.
+        more: rigid segment -> further markers on it.
     """
 
     title: str
@@ -75,7 +75,7 @@ class MarkerSet:
     more: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def found_in(self, names: tuple[str, ...]) -> dict[str, str]:
-        """Return landmark -> the marker that sits on it, for those that are there."""
+        """Return landmark -> its marker, for the markers among `names`."""
         there = {squashed(name): name for name in reversed(names)}
         found = {}
         for landmark, theirs in self.landmarks.items():
@@ -85,7 +85,7 @@ class MarkerSet:
         return found
 
     def more_in(self, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-        """Return rigid segment -> its further markers that are there."""
+        """Return rigid segment -> its further markers among `names`."""
         there = {squashed(name): name for name in reversed(names)}
         return {
             segment: tuple(there[squashed(t)] for t in theirs if squashed(t) in there)
@@ -107,7 +107,7 @@ def known_sets() -> tuple[MarkerSet, ...]:
 
 
 def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
-    """Return the set of which the most landmarks are there, and how many; None for chance."""
+    """Return the set with the most landmarks among `names`, and their number; None if too few."""
     counts = [(len(each.found_in(names)), each) for each in known_sets()]
     count, best = max(counts, key=lambda pair: pair[0])
     return (best, count) if count >= _LEAST else None

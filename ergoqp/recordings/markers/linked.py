@@ -1,7 +1,8 @@
-"""Markers of limbs that keep their distances, and those that do not: another's, or fallen off.
+"""Detection of limb markers that do not keep their distances: exchanged or fallen off.
 
-Two or three markers are no shape that could be followed (`ergoqp.recordings.markers.rigid`), but
-along a limb each keeps its distance from those beside it, as far as skin and joints let it.
+Two or three markers are not a rigid shape that can be tracked (`ergoqp.recordings.markers.rigid`).
+But along a limb each marker keeps its distance from its neighbours, as far as skin and joints
+allow.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ _TOGETHER: Final = (
     ("outer_knee", "inner_knee", "shank", "outer_ankle", "inner_ankle"),
     ("outer_ankle", "inner_ankle", "heel", "forefoot"),
 )
-"""Landmarks and joint centres of a side of which any two keep their distance: markers beside joints
-are near their axes."""
+"""Groups of landmarks and joint centres of a side in which any two keep their distance: markers
+beside a joint are near its axis."""
 _SHARE: Final = 0.25
-"""For so much of the time at least a marker is where it belongs."""
+"""Least share of the time in which a marker is in its right place."""
 _TIMES: Final = 6.0
-"""By how many times its usual deviation a distance may be another."""
+"""Factor on the usual deviation of a distance by which it may differ."""
 _LEEWAY: Final = (0.025, 0.08)
-"""By how much it may be so at least, as skin moves, and at most [m]."""
+"""Limits of that difference: the smallest because skin moves, and the largest [m]."""
 _BLADE: Final = 0.06
-"""By how much at least those from a shoulder: the blade turns with a raised arm, and its marker is
-not where the joint is [m]."""
+"""Its smallest limit for distances from a shoulder [m]: the shoulder blade turns with a raised arm,
+and its marker is not at the joint."""
 
 
 class Links:
@@ -44,7 +45,7 @@ class Links:
     """
 
     def __init__(self, at: Mapping[str, np.ndarray]) -> None:
-        """Measure them."""
+        """Measure the distances."""
         pairs = {
             (f"{side}_{one}", f"{side}_{other}")
             for side in SIDES
@@ -63,15 +64,15 @@ class Links:
                     self._usual[one, other] = (middle, leeway)
 
     def astray(self, at: Mapping[str, np.ndarray], around: int = 0) -> dict[str, np.ndarray]:
-        """Return the landmarks that are elsewhere -> those frames (n,) bool.
+        """Return the landmarks in a wrong place -> those frames (n,) bool.
 
-        It is each that alone explains every distance that does not hold; where none does, the one
-        of which the most do not hold is elsewhere, and so on. Who is right of two that are apart,
-        and both near all others, nobody knows: neither is taken.
+        A landmark with the most wrong distances is in a wrong place. Its distances are removed, and
+        this is repeated until no distance is wrong. Landmarks with equally many are all taken, so
+        of two landmarks that only disagree with each other neither is used.
 
         Args:
             at: landmark -> positions (n, 3) [m]; NaN where not seen.
-            around: frames before and after those, in which it is on its way.
+            around: number of frames before and after, in which a marker moves there and back.
         """
         if not self._usual:
             return {}
@@ -92,12 +93,12 @@ class Links:
 
 
 def _out(broken: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
-    """Return which of some markers are elsewhere (n, count) bool.
+    """Return which of some markers are in a wrong place (n, count) bool.
 
     Args:
-        broken: links whose distance does not hold (n, links) bool.
-        which: their ends (links, 2).
-        count: of the markers.
+        broken: links whose distance is wrong (n, links) bool.
+        which: ends of the links (links, 2).
+        count: number of markers.
     """
     ends = np.zeros((len(which), count))
     ends[np.arange(len(which))[:, None], which] = 1.0
@@ -113,9 +114,10 @@ def _out(broken: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
 
 
 def usual_distance(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the distance at which two points (n, 3) mostly are; NaN if they are never seen.
+    """Return the usual distance between two points (n, 3); NaN if they are never seen together.
 
-    It is where a quarter of the frames is the nearest to one another: either may fall off later.
+    It is the median of the quarter of the frames in which the distance varies least, because either
+    marker may fall off later.
     """
     length = np.linalg.norm(one - other, axis=1)
     ordered = np.sort(length[np.isfinite(length)])

@@ -1,8 +1,9 @@
-"""Whether markers are where their names say, by what no body can be like.
+"""Check that markers are where their names say, by orders that every body has.
 
-A marker that is named wrongly for the whole take keeps its distances, and nothing strays. But along
-a limb markers follow one another, both sides are as long, left is to the left, and a face is in
-front. It has to be so nearly all the time: a marker may fall off early in the take.
+A marker that is named wrongly for the whole take keeps its distances, so the other checks do not
+notice it. But the markers along a limb have an order, both sides are equally long, left is to the
+left, and the face is in front. A violation counts if it lasts nearly all the time, because a marker
+may also fall off early in the take.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
 
 _NEARLY_ALL: Final = 0.9
-"""What cannot be is so in such a share of the frames."""
+"""Share of the frames in which a violation has to occur."""
 _ALONG: Final = (
     ("acromion", "upper_arm", "outer_elbow"),
     ("outer_elbow", "forearm", "wrist_thumb"),
@@ -26,9 +27,9 @@ _ALONG: Final = (
     ("outer_knee", "shank", "outer_ankle"),
     ("outer_ankle", "heel", "forefoot"),
 )
-"""From the first landmark of a side the second is nearer than the third."""
+"""The second landmark is nearer to the first than the third is, on each side."""
 _UP: Final = (("back", "c7"), ("xiphoid", "notch"))
-"""From the hips the first is nearer than the second."""
+"""The first landmark is nearer to the hips than the second."""
 _ALIKE: Final = (
     ("acromion", "outer_elbow"),
     ("outer_elbow", "wrist_thumb"),
@@ -36,9 +37,9 @@ _ALIKE: Final = (
     ("outer_knee", "outer_ankle"),
     ("outer_ankle", "forefoot"),
 )
-"""As far apart on the right as on the left."""
+"""Pairs of landmarks that are equally far apart on the right and on the left."""
 _UNLIKE: Final = 1.35
-"""By how many times one side may be longer than the other."""
+"""Largest ratio of the distances on both sides."""
 _APART: Final = (
     ("outer_elbow", "acromion", 0.15),
     ("wrist_thumb", "acromion", 0.20),
@@ -48,25 +49,25 @@ _APART: Final = (
     ("shank", "asis", 0.10),
     ("outer_ankle", "asis", 0.15),
 )
-"""Limbs that cross usually do by less than so much, across the body [m]."""
+"""Landmark, pair that defines the sideways direction, and how far crossed limbs may cross [m]."""
 _WIDE: Final = 0.12
-"""No wrist is wider between its two markers [m]."""
+"""Largest width of a wrist between its two markers [m]."""
 
 
 def check_order(where: str, at: Mapping[str, np.ndarray]) -> None:
-    """Raise if markers are where they cannot be by their names.
+    """Raise if markers cannot be where their names say.
 
     Args:
         where: the recording's name, for messages.
         at: landmark -> positions (n, 3) [m] in a sample of frames; NaN where not seen.
 
     Raises:
-        RecordingError: naming the landmarks.
+        RecordingError: if so, with the landmarks.
     """
     for found in _impossible(at):
         raise RecordingError(
-            f"{where}: got markers of which {found}, allowed ones that are where their names say;"
-            " exchange their names (mapping), or an axis is mirrored"
+            f"{where}: got markers in impossible places ({found}), allowed markers where their"
+            " names say; exchange their names (mapping), or reverse a mirrored axis"
         )
 
 
@@ -96,13 +97,13 @@ def _impossible(at: Mapping[str, np.ndarray]) -> Iterator[str]:
 def _beyond(
     origin: str, place: np.ndarray, near: str, far: str, at: Mapping[str, np.ndarray]
 ) -> Iterator[str]:
-    """Yield what is wrong if the nearer of two is not nearer to a place (n, 3)."""
+    """Yield an error in words if the first of two landmarks is not nearer to a place (n, 3)."""
     if _nearly_always(_lengths(at[near] - place) - _lengths(at[far] - place)):
         yield f"{_spoken(near)} is farther from {_spoken(origin)} than {_spoken(far)}"
 
 
 def _turned(at: Mapping[str, np.ndarray]) -> Iterator[str]:
-    """Yield which sides are exchanged, and which front is behind."""
+    """Yield errors in words: sides that are exchanged, and fronts that are behind."""
     across: dict[str, np.ndarray] = {}
     for name in ("asis", "acromion"):
         if all(f"{side}_{name}" in at for side in SIDES):

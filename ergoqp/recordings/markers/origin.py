@@ -1,4 +1,4 @@
-"""Markers that programs write at the origin when they did not see them."""
+"""Markers that programs write at the origin if they are not seen."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ import numpy as np
 from ergoqp.recordings.motion import JointMotion
 
 _BLOCK: Final = 8192
-"""Frames at once."""
+"""Frames that are processed at once."""
 _MOST: Final = 6
-"""Markers that a sentence names."""
+"""Largest number of markers that a sentence names."""
 
 
 def off_origin(motion: JointMotion, which: Sequence[int]) -> JointMotion:
-    """Return a motion in which markers at exactly 0, 0, 0 are not seen, and a sentence says so.
+    """Return a motion in which markers at exactly 0, 0, 0 are not seen, with a note about it.
 
-    The positions that are given stay as they are.
+    The given array is not changed.
 
     Args:
         motion: the markers.
-        which: places of the markers that are looked at.
+        which: indices of the markers that are checked.
     """
     columns, positions = np.array(which, dtype=int), motion.positions
     counts = np.zeros(len(columns), dtype=int)
     for start in range(0, len(positions), _BLOCK):
         block = motion.positions[start : start + _BLOCK]
-        # Most files have none, and an hour of them is looked through for it.
+        # Most files have no such marker, so two coordinates are tested first, for speed.
         lost = (block[:, columns, 0] == 0) & (block[:, columns, 1] == 0)
         if not lost.any():
             continue
@@ -49,7 +49,7 @@ def off_origin(motion: JointMotion, which: Sequence[int]) -> JointMotion:
     shares = ", ".join(f"{name} in {count}" for count, name in found[:_MOST])
     more = f" and {len(found) - _MOST} more markers" if len(found) > _MOST else ""
     said = (
-        f"Of {len(positions)} frames, markers at exactly 0, 0, 0 are taken for not seen:"
+        f"Of {len(positions)} frames, markers at exactly 0, 0, 0 are taken as not seen:"
         f" {shares}{more}."
     )
     return replace(motion, positions=positions, notes=(*motion.notes, said))

@@ -1,9 +1,9 @@
-"""Markers that move as one: their shape, and how it is turned and placed in each frame.
+"""Tracking of rigid shapes of markers: their shape, and its pose in each frame.
 
-The turn that brings a shape the nearest to points in the least squares is Kabsch's (1976). Of four
-markers and more, one that does not fit is left out: it is another's, or fell off; two that fit when
-they are exchanged were exchanged. Where nothing of that fits, or the others are in a line, nothing
-is told.
+The rotation that fits a shape to points by least squares is Kabsch's (1976). Of four or more
+markers, one that does not fit is left out: it is another marker, or has fallen off. Two markers
+that fit after an exchange are exchanged. If none of this fits, or the others are in a line, the
+pose is unknown.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from typing import Final
 import numpy as np
 
 _SAMPLE: Final = 2000
-"""Frames by which a shape is found."""
+"""Frames from which a shape is found, about."""
 _ROUNDS: Final = 5
 _CANDIDATES: Final = 9
-"""Frames of which the one begins a shape that the most others are like."""
+"""Number of frames from which the first estimate of a shape is chosen."""
 _STEADY: Final = 0.25
-"""A point of a shape is where it keeps to for this share of the time: it may fall off later."""
+"""Share of the frames from which a point's place is taken, because it may fall off later."""
 _FLAT: Final = 0.02
-"""Points that are nowhere wider across their length are a line, and turn about it [m]."""
+"""Least width of a shape [m]; narrower points are a line, with an unknown rotation about it."""
 _ASTRAY: Final = 0.03
-"""What misses a shape by more is another marker, if those without it fit [m]."""
+"""Distance from the shape above which a point is left out, if the others fit [m]."""
 _UNLIKE: Final = 0.04
-"""Of points that miss a shape by more, and nobody knows which is wrong, none tells [m]."""
+"""Distance from the shape above which the pose is unknown, if it is unclear which point is wrong
+[m]."""
 _THREE: Final = 0.02
-"""Three points fit any triangle that is somewhat like theirs: none of them tells that misses by
-more [m]."""
+"""The same for three points, because these fit every similar triangle [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class Followed:
     """A rigid shape in each frame.
 
     Attributes:
-        turn: its axes in the world (n, 3, 3); NaN where it is not told.
-        place: its origin in the world (n, 3) [m].
-        points: where its points are by that (n, m, 3) [m].
-        astray: points that were seen elsewhere (n, m) bool; all that were seen, where they are no
-            such shape.
+        turn: its axes in the world (n, 3, 3); NaN where unknown.
+        place: its origin in the world (n, 3) [m]; NaN where unknown.
+        points: positions of its points in that pose (n, m, 3) [m].
+        astray: points that were seen in a wrong place (n, m) bool; all seen points in frames that
+            do not fit the shape.
     """
 
     turn: np.ndarray
@@ -51,15 +51,15 @@ class Followed:
 
 
 def shape_of(points: np.ndarray) -> np.ndarray | None:
-    """Return the shape (m, 3) that points (n, m, 3) keep, about their middle; None if none.
+    """Return the shape (m, 3) that points (n, m, 3) keep, about their middle; None if too few.
 
-    It is where each point mostly is, in frames that are brought to one another.
+    The frames are aligned, and each point is where it is most of the time.
     """
     seen = _seen(points)
     whole = np.flatnonzero(seen.sum(axis=1) == seen.sum(axis=1).max(initial=0))
     if not len(whole) or seen[whole[0]].sum() < 3:
         return None
-    # Those by which it can be told, and of them the whole ones before others.
+    # Frames with at least three points; the first estimate is from the most complete frames.
     rows = np.flatnonzero(seen.sum(axis=1) >= 3)
     sample = _finite(points[rows[:: max(1, len(rows) // _SAMPLE)]])
     shape = _first(_finite(points[whole]), sample)
@@ -72,11 +72,11 @@ def shape_of(points: np.ndarray) -> np.ndarray | None:
 
 
 def follow(points: np.ndarray, shape: np.ndarray) -> Followed:
-    """Return where a shape is.
+    """Return the pose of a shape in each frame.
 
     Args:
-        points: what is seen (n, m, 3) [m]; NaN where not.
-        shape: its points (m, 3) [m]; NaN for one that is not known.
+        points: seen positions (n, m, 3) [m]; NaN where not seen.
+        shape: its points (m, 3) [m]; NaN for an unknown one.
     """
     points, known = _finite(points), np.isfinite(shape).all(axis=1)
     turn, place, astray = _fitted(points, shape)
@@ -91,9 +91,9 @@ def follow(points: np.ndarray, shape: np.ndarray) -> Followed:
 
 
 def brought_to(shape: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Return a shape (m, 3) turned and placed onto points (m, 3), and how far they miss it at most.
+    """Return a shape (m, 3) that is aligned with points (m, 3), and the largest distance left.
 
-    None where they share too few points for it. Either may have NaN.
+    None if they have too few points in common. Both may have NaN.
     """
     seen = _seen(points[None])
     turn, place = _brought(points[None].astype(float), shape, seen)
@@ -106,9 +106,9 @@ def brought_to(shape: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float
 
 
 def _first(whole: np.ndarray, sample: np.ndarray) -> np.ndarray:
-    """Return the one of frames (k, m, 3) that most of a sample (n, m, 3) is like, about its middle.
+    """Return the frame of (k, m, 3) that fits most of a sample (n, m, 3), about its middle.
 
-    By one in which two points are exchanged all others would be exchanged ones.
+    With a frame in which two points are exchanged, all others would look exchanged.
     """
     count = min(_CANDIDATES, len(whole))
     shapes = whole[(len(whole) * (np.arange(count) + 0.5) / count).astype(int)]
@@ -118,13 +118,13 @@ def _first(whole: np.ndarray, sample: np.ndarray) -> np.ndarray:
         seen = _seen(sample) & np.isfinite(shape).all(axis=1)
         away = np.linalg.norm(sample - _placed(*_brought(sample, shape, seen), shape), axis=2)
         miss = np.where(seen, np.nan_to_num(away, nan=np.inf), 0.0).max(axis=1)
-        # How far off those are that are no such shape says nothing.
+        # The distance of a frame that does not fit is cut off, because its size means nothing.
         unlike.append(np.minimum(miss, _ASTRAY).sum())
     return shapes[int(np.argmin(unlike))]
 
 
 def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turns, places, and which points are not those of the shape (n, m) bool."""
+    """Return the pose of a shape in each frame, and the points in a wrong place (n, m) bool."""
     seen = _seen(points) & np.isfinite(shape).all(axis=1)
     turn, place = _brought(points, shape, seen)
     away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
@@ -133,7 +133,7 @@ def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
     bad = np.flatnonzero((miss > _ASTRAY / 2) & (seen.sum(axis=1) >= 4))
     if not len(bad):
         return turn, place, astray
-    # What explains all points before what explains all but one.
+    # An exchange explains all points, so it is tried before one point is left out.
     turn[bad], place[bad], astray[bad] = _exchanged(
         points[bad], shape, seen[bad], turn[bad], place[bad]
     )
@@ -145,24 +145,24 @@ def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _finite(points: np.ndarray) -> np.ndarray:
-    """Return points (n, m, 3), NaN for those that are not seen as a whole."""
+    """Return points (n, m, 3), with NaN for points with a missing coordinate."""
     return np.where(_seen(points)[:, :, None], points, np.nan).astype(float)
 
 
 def _seen(points: np.ndarray) -> np.ndarray:
-    """Return which points (n, m, 3) are seen (n, m) bool."""
+    """Return the points (n, m, 3) that are seen (n, m) bool."""
     return np.asarray(np.isfinite(points).all(axis=2))
 
 
 def _mostly(path: np.ndarray) -> np.ndarray:
-    """Return where a point (n, 3) mostly is: the middle of where a share of it is the densest."""
+    """Return where a point (n, 3) is most of the time: the mean of the densest share of it."""
     found = np.full(3, np.nan)
     path = path[np.isfinite(path).all(axis=1)]
     if not len(path):
         return found
     count = max(1, round(_STEADY * len(path)))
     for _ in range(2):
-        # Once about its middle, then about where it is.
+        # First about the median, then about the mean that was found.
         middle = np.median(path, axis=0) if np.isnan(found).any() else found
         away = np.linalg.norm(path - middle, axis=1)
         found = path[np.argsort(away)[:count]].mean(axis=0)
@@ -170,7 +170,7 @@ def _mostly(path: np.ndarray) -> np.ndarray:
 
 
 def _astray(points: np.ndarray, shape: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the point of each frame without which the others fit (n, m) bool, where they do."""
+    """Return the point of each frame without which the others fit (n, m) bool, if there is one."""
     left = np.full(points.shape[:2], np.inf)
     miss = np.zeros(points.shape[:2])
     for i in range(points.shape[1]):
@@ -192,10 +192,10 @@ def _astray(points: np.ndarray, shape: np.ndarray, seen: np.ndarray) -> np.ndarr
 def _exchanged(
     points: np.ndarray, shape: np.ndarray, seen: np.ndarray, turn: np.ndarray, place: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turns and places by exchanging two points, where all fit then, and which those are.
+    """Return poses after an exchange of two points, where all points then fit, and those points.
 
-    Of a shape with a left and a right that are alike, exchanging those in front is as good as
-    exchanging those behind and turning it upside down: nothing is exchanged where two ways fit.
+    If left and right of a shape are alike, exchanging the front points is equivalent to exchanging
+    the back points and turning the shape over. If two exchanges fit, the pose is unknown.
     """
     best, ways = np.full(len(points), _ASTRAY / 2), np.zeros(len(points), dtype=int)
     away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
@@ -220,14 +220,14 @@ def _exchanged(
 
 
 def _placed(turn: np.ndarray, place: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Return where the points of a shape are (n, m, 3)."""
+    """Return the positions of a shape's points in its poses (n, m, 3)."""
     return place[:, None] + np.einsum("nij,mj->nmi", turn, np.nan_to_num(shape))
 
 
 def _brought(
     points: np.ndarray, shape: np.ndarray, seen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return turns (n, 3, 3) and places (n, 3) that bring a shape to points; NaN for too few."""
+    """Return rotations (n, 3, 3) and places (n, 3) that fit a shape to points; NaN: too few."""
     told = seen & np.isfinite(shape).all(axis=1)
     weight = told.astype(float)
     total = weight.sum(axis=1)
@@ -252,8 +252,8 @@ def _brought(
 
 
 def _spread(shape: np.ndarray, told: np.ndarray) -> np.ndarray:
-    """Return where the points (m, 3) that are told (n, m) bool span a plane (n,) bool."""
-    # Few sets of points occur.
+    """Return the frames in which the usable points (n, m) of a shape span a plane (n,) bool."""
+    # Only few different sets of points occur.
     sets, which = np.unique(told, axis=0, return_inverse=True)
     wide = np.zeros(len(sets), dtype=bool)
     for i, some in enumerate(sets):

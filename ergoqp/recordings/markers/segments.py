@@ -1,4 +1,4 @@
-"""Pelvis, trunk and head as rigid shapes of markers, by the take itself and a person file."""
+"""Pelvis, trunk and head as rigid shapes of markers, from the take and a person file."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from ergoqp.recordings.markers.rigid import brought_to, follow, shape_of
 from ergoqp.recordings.motion import JointMotion
 
 _THREE: Final = 0.012
-"""Three markers of another person's file miss by less than people differ: what they miss by at
-most, if it is this one's [m]."""
+"""Largest distance of three common markers from the person file's shape [m]; it is small, because
+three markers also fit the file of a similar person well."""
 _MORE: Final = 0.02
-"""More of them show it better [m]."""
+"""The same for more than three markers, which show the difference between people better [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """What moves as one.
+    """A rigid segment with its markers.
 
     Attributes:
-        name: of `ergoqp.recordings.markers.landmarks.RIGID`.
+        name: its name in `ergoqp.recordings.markers.landmarks.RIGID`.
         names: its landmarks and further markers.
-        places: of each, which points are its middle.
-        shape: where they are in it (m, 3) [m]; NaN for one that nobody knows.
+        places: for each, the indices of the points whose middle it is.
+        shape: their positions in the segment (m, 3) [m]; NaN for an unknown one.
     """
 
     name: str
@@ -46,17 +46,17 @@ class Segment:
         filled: Counter[str],
         inside: slice,
     ) -> dict[str, np.ndarray]:
-        """Put landmarks that are not seen, or astray, where the others have them.
+        """Place landmarks that are not seen, or in a wrong place, by the others.
 
         Args:
-            at: landmark -> positions (n, 3) [m], which are changed.
-            block: of the recording's points (n, m, 3).
-            unit: of length [m].
-            filled: landmark -> in how many frames it is not seen and put, which is added to.
-            inside: those frames that are counted.
+            at: landmark -> positions (n, 3) [m], changed in place.
+            block: block of the recording's points (n, m, 3).
+            unit: unit of length [m].
+            filled: landmark -> number of frames in which it is not seen and placed, added to.
+            inside: the frames that are counted.
 
         Returns:
-            What is astray -> those frames (n,) bool.
+            Landmark or marker -> the frames in which it is in a wrong place (n,) bool.
         """
         points = np.stack([middle_of(block, each, unit) for each in self.places], axis=1)
         followed = follow(points, self.shape)
@@ -78,15 +78,15 @@ def rigid_segments(
     unit: float,
     every: int,
 ) -> tuple[list[Segment], list[str]]:
-    """Return the segments of which three points and more are known, and sentences.
+    """Return the segments of which three or more points are known, and sentences.
 
     Args:
         motion: the markers.
-        landmarks: landmark -> the places of the markers whose middle it is.
-        more: rigid segment -> the places of its further markers.
-        given: marker -> where it sits, as a person file has it.
-        unit: of length [m].
-        every: frames between those that are looked at.
+        landmarks: landmark -> indices of the markers whose middle it is.
+        more: rigid segment -> indices of its further markers.
+        given: marker -> its place on the body, from a person file.
+        unit: unit of length [m].
+        every: step between the frames that are used.
     """
     found, said = [], []
     for segment, parts in RIGID.items():
@@ -105,15 +105,15 @@ def rigid_segments(
         if both is not None and both[1] > (_THREE if shared == 3 else _MORE):
             said.append(
                 f"The {segment}'s markers are not where the person file has them, by"
-                f" {1000 * both[1]:.0f} mm: what was never seen of it is not put there."
+                f" {1000 * both[1]:.0f} mm: those that are never seen are not placed by it."
             )
         elif both is not None:
             names = [
                 name.replace("_", " ") for name, lacks in zip(which, lacking, strict=True) if lacks
             ]
             said.append(
-                f"Never seen and put where the person file has it: {', '.join(names)}; the others"
-                f" of the {segment} are there to {1000 * both[1]:.0f} mm."
+                f"Never seen and placed as in the person file: {', '.join(names)}; the others of"
+                f" the {segment} agree with it to {1000 * both[1]:.0f} mm."
             )
             shape = np.where(lacking[:, None], both[0], shape)
         found.append(Segment(segment, tuple(which), tuple(which.values()), shape))
@@ -121,7 +121,7 @@ def rigid_segments(
 
 
 def pelvis_size(segments: list[Segment]) -> tuple[float, float]:
-    """Return the width between the ASIS and the depth to the PSIS [m]; NaN where not known."""
+    """Return the width between the ASIS and the depth to the PSIS [m]; NaN where unknown."""
     pelvis = next((each for each in segments if each.name == "pelvis"), None)
     if pelvis is None:
         return float("nan"), float("nan")
@@ -133,7 +133,7 @@ def pelvis_size(segments: list[Segment]) -> tuple[float, float]:
     backs = [place.get(f"{side}_psis", lost) for side in SIDES]
     for back in (sum(backs) / 2, place.get("sacrum", lost), *backs):
         deep = front - back
-        # One PSIS is as far behind as both are.
+        # Only the part perpendicular to the width counts, so one PSIS is enough.
         deep = deep - (deep @ across) / width**2 * across
         if np.isfinite(deep).all():
             return width, float(np.linalg.norm(deep))
@@ -144,17 +144,17 @@ def middle_of(positions: np.ndarray, which: tuple[int, ...], unit: float) -> np.
     """Return the middle of some points over time (n, 3) [m].
 
     Args:
-        positions: of all (n, m, 3), in the file's unit.
-        which: some of them.
-        unit: of length [m].
+        positions: positions of all points (n, m, 3), in the file's unit.
+        which: indices of the points.
+        unit: unit of length [m].
     """
     return unit * positions[:, list(which)].astype(float).mean(axis=1)
 
 
 def _given_shape(names: list[list[str]], given: Mapping[str, Marker]) -> np.ndarray:
-    """Return where a person file has points that are middles of markers (m, 3) [m]; NaN: nowhere.
+    """Return the places of points, as middles of markers, in a person file (m, 3) [m]; NaN: none.
 
-    Those that sit on the same segment as most of them: only these keep together.
+    Only markers on the same segment as most of them count, because only these move as one.
     """
     frames = Counter(given[name].frame for each in names for name in each if name in given)
     shape = np.full((len(names), 3), np.nan)

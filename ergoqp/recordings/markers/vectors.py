@@ -1,4 +1,4 @@
-"""Vectors over time (n, 3), of which some are not seen: NaN."""
+"""Functions of vectors over time (n, 3), with NaN where they are not seen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ import numpy as np
 
 
 def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
-    """Return the joint below a marker: across the bone from `origin` to it, `by` inside (n, 3)."""
+    """Return the joint below a marker (n, 3), perpendicular to the bone from `origin` to it.
+
+    Args:
+        origin: start of the bone (n, 3).
+        marker: marker on the outside of the joint (n, 3).
+        aside: outward direction (n, 3).
+        by: distance of the joint inside the marker.
+    """
     whole = marker - origin
     length = np.linalg.norm(whole, axis=1, keepdims=True)
     along = whole / np.where(length > 0, length, np.nan)
@@ -17,7 +24,7 @@ def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float)
 
 
 def either(*choices: np.ndarray) -> np.ndarray:
-    """Return the first of several that is seen (n, 3)."""
+    """Return the first of several vectors that is seen, in each frame (n, 3)."""
     found = choices[-1]
     for choice in reversed(choices[:-1]):
         found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
@@ -25,12 +32,12 @@ def either(*choices: np.ndarray) -> np.ndarray:
 
 
 def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return vectors without what they are along unit axes (n, 3)."""
+    """Return the components of vectors perpendicular to unit axes (n, 3)."""
     return vectors - dot(vectors, axes) * axes
 
 
 def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return how long vectors are along unit axes (n, 1)."""
+    """Return the components of vectors along unit axes (n, 1)."""
     return (vectors * axes).sum(axis=1, keepdims=True)
 
 

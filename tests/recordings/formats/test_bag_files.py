@@ -60,7 +60,7 @@ def test_where_nobody_may_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(RecordingError) as caught:
         read(path)
     assert str(caught.value) == (
-        "take.dat: got another name than a bag has, which cannot be linked (Operation not"
+        "take.dat: got a name that rosbags does not accept and that cannot be linked (Operation not"
         " permitted), allowed a name that ends in .mcap and has none of ?#%"
     )
 
@@ -102,7 +102,7 @@ def test_a_version_that_nobody_knows(tmp_path: Path) -> None:
 def test_a_part_that_is_not_there(tmp_path: Path) -> None:
     file = file_of(tmp_path, "mcap")
     file.rename(tmp_path / "elsewhere.mcap")
-    said = "take: got a metadata.yaml that names files which are not there, allowed a whole ROS bag"
+    said = "take: got a metadata.yaml that names missing files, allowed a whole ROS bag"
     assert sentence(file.parent) == said
 
 
@@ -112,8 +112,8 @@ def test_a_bag_whose_recorder_was_stopped(tmp_path: Path) -> None:
     at = raw.index(b"index_pos=") + len(b"index_pos=")
     path.write_bytes(raw[:at] + bytes(8) + raw[at + 8 :])
     assert sentence(path) == (
-        "take.bag: got a bag without an index: it was cut off while it was recorded, allowed a"
-        " whole ROS bag"
+        "take.bag: got a bag without an index, because its recording was cut off, allowed a whole"
+        " ROS bag"
     )
 
 

@@ -35,7 +35,7 @@ def test_a_pose_in_what_the_camera_hangs_from(bag: Bag) -> None:
     there = (np.stack([TIMES, 0 * TIMES, 0 * TIMES], axis=1) - [1, 2, 3]) @ TURN
     np.testing.assert_allclose(motion.objects["cup"][:, :3, 3], there, atol=1e-6)
     np.testing.assert_allclose(motion.objects["cup"][4, :3, :3], np.eye(3), atol=1e-6)
-    said = "The poses of /cup are brought by tf from the frame 'world' to 'camera'."
+    said = "The poses of /cup are transformed by tf from the frame 'world' to 'camera'."
     assert said in motion.notes
 
 

@@ -30,7 +30,7 @@ def sentence(bag: Bag, messages: list[Any]) -> str:
 
 
 ALLOWED = (
-    "which show nobody, allowed a person's joints: MarkerArray, tf, or JointState with all of"
+    "which show no person, allowed a person's joints: MarkerArray, tf, or JointState with all of"
     " ergoqp.JOINTS or with the coordinates of an OpenSim model from its pelvis or thorax on"
 )
 
@@ -66,7 +66,7 @@ def test_two_people_in_turn(bag: Bag, bodies: list[int]) -> None:
     seen = np.isfinite(motion.of("body 2:PELVIS")).all(axis=1)
     np.testing.assert_array_equal(seen, np.array(bodies) == 2)
     assert (
-        f"The tracker tells {count} bodies in turn, at places apart: they are taken as different"
+        f"The tracker shows {count} bodies in turn and far apart: they are taken as different"
         " people."
     ) in motion.notes
 
@@ -83,14 +83,14 @@ def test_one_person_who_is_numbered_anew(bag: Bag, bodies: list[int], apart: flo
     motion = read(bag.write(shown(bag, bodies, apart)))
     assert motion.names == KINECT
     assert np.isfinite(motion.positions).all()
-    assert any("never two at once" in note for note in motion.notes)
+    assert any("never shows two at once" in note for note in motion.notes)
 
 
 def test_people_in_turn_are_asked_for(bag: Bag) -> None:
     said = sentence(bag, shown(bag, [1, 2] * 10, 1.0))
     assert said == (
-        "take.bag: got 2 people (body 1, body 2), allowed one; state whose posture is meant"
-        " (subject)"
+        "take.bag: got 2 people (body 1, body 2), allowed one; state the person whose posture is"
+        " meant (subject)"
     )
 
 
@@ -130,7 +130,8 @@ def test_ready_angles_are_the_postures(bag: Bag, prefix: str) -> None:
 def test_ready_angles_in_degrees(bag: Bag) -> None:
     said = sentence(bag, [(t, "/human", bag.angles(t, dict.fromkeys(JOINTS, 45.0))) for t in TIMES])
     assert said == (
-        "take.bag: the trunk flexion reaches 45 rad, allowed two whole turns: these may be degrees"
+        "take.bag: the trunk flexion reaches 45 rad, allowed two whole turns: the angles may be in"
+        " degrees"
     )
 
 
@@ -138,7 +139,7 @@ def test_all_but_one_of_our_joints_are_none(bag: Bag) -> None:
     angles = dict.fromkeys(JOINTS[:-1], 0.1)
     said = sentence(bag, [(t, "/human", bag.angles(t, angles)) for t in TIMES])
     assert "and the joints trunk flexion" in said.replace("_", " ")
-    assert "which show nobody" in said
+    assert "which show no person" in said
 
 
 @pytest.mark.parametrize("prefix", ["human/", "/human/", "human:", "human_", "/"])
@@ -164,7 +165,7 @@ def test_a_robot_beside_a_person_with_a_prefix(bag: Bag) -> None:
         ]
     recording = ergoqp.load_recording(bag.write(messages))
     assert "The person is 'human'." in recording.assumptions
-    assert "Also there, and left out: 'robot'." in recording.assumptions
+    assert "Also in the recording, and left out: 'robot'." in recording.assumptions
     assert recording.object_poses is None
 
 

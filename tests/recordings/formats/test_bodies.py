@@ -67,7 +67,7 @@ def test_what_is_not_seen_keeps_its_time(row: str, tmp_path: Path) -> None:
 
 BROKEN = {
     "other lengths": (BODY + "1,2,3,0,0,0,1\n", "take: got 3 rows for box and 4 for a, allowed"),
-    "head only": ("x,y,z,q0,q1,q2,q3\n", "a.csv: got no row below the names, allowed poses"),
+    "head only": ("x,y,z,q0,q1,q2,q3\n", "a.csv: got no row below the names, allowed rows"),
     "cut in a row": (
         BODY[:-6],
         "a.csv, line 4: got a row of 5 numbers, allowed 7: the file is cut",
@@ -107,7 +107,7 @@ def timed(times: list[float], head: str = "time", body: str = BODY) -> str:
 def test_times_of_the_tables(tmp_path: Path) -> None:
     late = timed([3.001, 3.201, 3.301], "Timestamp")
     folder = folder_of(tmp_path, a=timed([3, 3.2, 3.3]), b=late, c=BODY)
-    refused(read_bodies, folder, "take: got tables of poses without times, allowed with a column")
+    refused(read_bodies, folder, "take: got tables of poses without times, allowed a column that")
     (folder / "c.csv").unlink()
     motion = read(read_bodies, folder)
     assert motion.time == pytest.approx([0, 0.2, 0.3])
@@ -118,9 +118,9 @@ def test_times_of_the_tables(tmp_path: Path) -> None:
         "The times of the tables are not used: the frames per second are stated (rate)."
     )
     write(folder / "b.csv", timed([3, 3.1, 3.3]))
-    refused(read_bodies, folder, "take: got other times for b than for a, allowed the same for")
+    refused(read_bodies, folder, "take: got other times for b than for a, allowed the same times")
     write(folder / "b.csv", timed([3000, 3200, 3300], "time (ms)"))
-    refused(read_bodies, folder, "take: got other times for b than for a, allowed the same for")
+    refused(read_bodies, folder, "take: got other times for b than for a, allowed the same times")
 
 
 def test_poses_of_one_time(tmp_path: Path) -> None:
@@ -166,5 +166,7 @@ def test_the_bones_of_a_handover(shared: Path) -> None:
         if name in motion.objects:
             assert motion.objects[name][:, :3, :3] == pytest.approx(expected, abs=1e-6)
     assert motion.time == pytest.approx(np.arange(801) / 120)
-    assert motion.notes[1].startswith(f"{POSED}x, y, z, w: a bone's neighbour moves by 1 mm in its")
-    assert motion.notes[2] == "76 of 801 frames are the frame before once more."
+    assert motion.notes[1].startswith(
+        f"{POSED}x, y, z, w: a bone's neighbour then moves in its axes by 1 mm"
+    )
+    assert motion.notes[2] == "76 of 801 frames repeat the frame before."

@@ -53,8 +53,8 @@ def test_bodies_that_do_not_turn_do_not_tell_their_order(tmp_path: Path) -> None
     folder = folder_of(tmp_path, a=still, b=still.replace("1,2", "5,2"), c=still)
     motion = read(read_bodies, folder, rate=10)
     assert motion.notes[1] == (
-        f"{POSED}x, y, z, w: nothing tells their order, a bone's neighbour moves by 0 mm in its"
-        " frame with either (or by as much in the file's unit)."
+        f"{POSED}x, y, z, w, because the movement does not show their order: with either order, a"
+        " bone's neighbour moves in its axes by about 0 mm (if the file's unit is a metre)."
     )
 
 
@@ -86,7 +86,7 @@ def test_each_table_may_tell_its_order(tmp_path: Path) -> None:
 
 def test_one_body_does_not_tell_its_order(tmp_path: Path) -> None:
     motion = read(read_bodies, folder_of(tmp_path, box=BODY), rate=10)
-    assert motion.notes[1] == f"{POSED}x, y, z, w: with one body nothing tells their order."
+    assert motion.notes[1] == (f"{POSED}x, y, z, w, because one body does not show their order.")
 
 
 @pytest.mark.parametrize("number", ["1e30", "5", "0.2"])
@@ -95,6 +95,6 @@ def test_what_is_no_unit_quaternion_is_not_seen(number: str, tmp_path: Path) -> 
     motion = read(read_bodies, folder_of(tmp_path, a=content, b=BODY), rate=10)
     np.testing.assert_array_equal(np.isnan(motion.turns["a"][:, 0]), [True, False, True])
     assert motion.notes[2] == (
-        f"Quaternions are not read that have not length 1: of a (2 of 3, {float(number):.3g} in the"
+        f"Quaternions whose length is not 1 are not read: of a (2 of 3, {float(number):.3g} in the"
         " median)."
     )

@@ -160,7 +160,7 @@ def test_a_circle_of_frames(ros1: Bag) -> None:
     messages = [
         (t, "/tf", ros1.tf(*(ros1.transform(t, *p, (0, 0, 1)) for p in pair))) for t in TIMES
     ]
-    sentence(ros1.write(messages), r"^take\.bag: got the frame '.' of tf within itself, allowed a")
+    sentence(ros1.write(messages), r"^take\.bag: got the frame '.' of tf inside itself, allowed a")
 
 
 def test_numbers_without_end(ros1: Bag) -> None:
@@ -172,7 +172,7 @@ def test_angles_without_names(ros1: Bag) -> None:
     message = ros1.angles(0, {"elbow": 0.0, "wrist": 1.0})
     message.name = ["elbow"]
     path = ros1.write([(0.0, "/arm", message)])
-    sentence(path, r"^take\.bag: /arm: got 1 names and 2 positions, allowed as many")
+    sentence(path, r"^take\.bag: /arm: got 1 names and 2 positions, allowed as many names")
 
 
 def test_more_than_anybody_has(ros1: Bag) -> None:
@@ -191,7 +191,7 @@ def test_no_file_and_no_bag(tmp_path: Path) -> None:
 
 def test_marks_in_a_name(tmp_path: Path) -> None:
     path = people(Bag(tmp_path, "sqlite3")).rename(tmp_path / "take#2")
-    sentence(path, r"got # in the name of a \.db3")
+    sentence(path, r"got # in the path of a \.db3 file")
 
 
 def test_without_rosbags_its_extra_is_named(ros1: Bag, monkeypatch: pytest.MonkeyPatch) -> None:

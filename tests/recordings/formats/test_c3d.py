@@ -190,7 +190,7 @@ def test_what_the_parameters_state_is_surer_than_the_header(tmp_path: Path) -> N
     assert motion.time == pytest.approx([0, 0.02, 0.04])
     assert motion.notes[0] == (
         "The file states 100 frames per second in its header and 50 in POINT:RATE: the latter are"
-        " taken."
+        " used."
     )
     assert len(read_made(tmp_path, point=point(RATE=100.0)).notes) == 1
     for rate in (0.0, -60.0, np.nan, np.inf, 1e9):
@@ -199,7 +199,7 @@ def test_what_the_parameters_state_is_surer_than_the_header(tmp_path: Path) -> N
         assert motion.time[1] == 0.01
         assert motion.notes[0] == (
             f"POINT:RATE states {rate:g} frames per second, which no file has: the 100 of the"
-            " header are taken."
+            " header are used."
         )
     assert read_made(tmp_path, point=point(SCALE=-0.2)).positions[0, 0, 0] == 1
     assert read_made(tmp_path, scale=0.25, point=point(SCALE=0.5)).positions[0, 0, 0] == 2

@@ -66,7 +66,7 @@ def test_what_a_model_computed(units: Any, factor: float, prefix: str, tmp_path:
 @pytest.mark.parametrize(
     ("labels", "names", "note"),
     [
-        (["LASI", "LASI"], ("LASI",), "LASI: there twice; the first is taken."),
+        (["LASI", "LASI"], ("LASI",), "LASI: in the file twice; the first is used."),
         (["LASI", ""], ("LASI",), "1 of 2 points have no label and are left out."),
         (["*12", "RASI"], ("RASI",), "1 of 2 points have no label and are left out."),
         (["Ann:*12", "Ann:RASI"], ("Ann:RASI",), "1 of 2 points have no label"),
@@ -103,7 +103,7 @@ def test_many_labels_that_are_there_twice_are_one_sentence(tmp_path: Path) -> No
     motion = read_made(tmp_path, points=points, point=point(LABELS=labels))
     assert len(motion.names) == 50
     assert motion.notes[0].startswith("0 marker, 1 marker, ")
-    assert motion.notes[0].endswith("and 38 more: there twice; the first is taken.")
+    assert motion.notes[0].endswith("and 38 more: in the file twice; the first is used.")
 
 
 @pytest.mark.parametrize("count", [255, 256, 300, 511, 700])

@@ -134,7 +134,7 @@ def test_a_table_without_names(content: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(motion.positions, [[[1, 2, 3], [4, 5, 6]]] * 2)
     for columns, rate, sentence in (
         ((), 10, r"line 1: got 6 numbers and no names above .* \(columns\)$"),
-        (("a", "a"), 10, "line 1: columns: got a name twice, allowed different ones"),
+        (("a", "a"), 10, "line 1: columns: got a name twice, allowed different names"),
         (("a",), 10, r"line 1: got 6 numbers and 1 names \(columns\), allowed three"),
         (("a", "b"), None, "got no column of times"),
     ):

@@ -61,13 +61,13 @@ def test_the_content_is_surer_than_the_ending(name: str, ending: str, tmp_path: 
     motion, notes = read_motion(path), []
     if path.suffix.lower() not in kind.endings:
         notes = [
-            f"The file is read as {kind.title}, by what is in it, although its ending is"
+            f"The file is read as {kind.title} because of its content, although its ending is"
             f" {path.suffix.lower() or 'none'}."
         ]
     assert list(motion.notes) == [*notes, *kind.read(path, unseen, Asked()).notes]
     stated = read_motion(path, asked=Asked(("neck",), 10.0))
     assert stated.notes[len(notes) :] == (
-        "The stated names (columns) are not used: only tables have none of their own.",
+        "The stated names (columns) are not used: only a table can lack names.",
         "The stated frames per second (rate) are not used: the file has its own times.",
         *motion.notes[len(notes) :],
     )

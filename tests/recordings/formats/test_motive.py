@@ -145,16 +145,16 @@ BROKEN = {
     "head only": (MOTIVE[: MOTIVE.index("\n0,0") + 1], "^a.csv: got no frame, allowed a take"),
     "cut between rows": (
         MOTIVE[: MOTIVE.index("2,0.2")],
-        "^a.csv: got 2 frames, allowed 3, as is stated; the recording is cut",
+        "^a.csv: got 2 frames, allowed 3 as stated; the recording is cut",
     ),
     "cut in a row": (MOTIVE[:-14], "line 10: got a row of 10 numbers, allowed 20: the file is cut"),
     "a billion frames": (
         MOTIVE.replace("Frames,3", "Frames,1000000000"),
-        "got 3 frames, allowed 1000000000, as is stated; the recording is cut",
+        "got 3 frames, allowed 1000000000 as stated; the recording is cut",
     ),
     "more than a billion": (
         MOTIVE.replace("Frames,3", "Frames," + "9" * 5000),
-        "got 3 frames, allowed 9{18}, as is stated; the recording is cut",
+        "got 3 frames, allowed 9{18} as stated; the recording is cut",
     ),
     "Euler angles": (MOTIVE.replace("Quaternion", "XYZ"), "line 1: Rotation Type: got 'XYZ'"),
     "local": (MOTIVE.replace("Global", "Local"), "line 1: Coordinate Space: got 'Local', allowed"),

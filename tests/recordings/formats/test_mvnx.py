@@ -172,7 +172,7 @@ BROKEN = {
     ),
     "people of one name": (
         twice("Somebody"),
-        "^a.mvnx: got 2 people with the labels 'Somebody', 'Somebody', allowed a name of their own",
+        "^a.mvnx: got 2 people with the labels 'Somebody', 'Somebody', allowed a different name",
     ),
     "somebody without a name": (twice(""), "^a.mvnx: got 2 people with the labels 'Somebody', ''"),
     "two rates": (
@@ -197,11 +197,11 @@ BROKEN = {
     "a nameless segment": (MVNX.replace('label="L5"', ""), "got the segment '' without a name"),
     "a segment behind": (
         MVNX.replace("</frames>", '</frames><segments><segment label="T8"/></segments>'),
-        "got the segment 'T8' behind a frame, allowed each once and above the frames",
+        "got the segment 'T8' after a frame, allowed each once and before the frames",
     ),
     "a joint behind": (
         MVNX.replace("</frames>", '</frames><joints><joint label="jT8"/></joints>'),
-        "got the joint 'jT8' behind a frame",
+        "got the joint 'jT8' after a frame",
     ),
     "few numbers": (
         MVNX.replace("1 0.5 1.5", "1.5"),

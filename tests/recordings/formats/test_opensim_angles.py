@@ -66,7 +66,7 @@ def test_somebody_who_goes_somewhere_bends() -> None:
 def test_somebody_who_stands_may_be_and_it_is_said() -> None:
     still = angles(pelvis_tilt=2.1, knee_angle_r=1.0 + 0.2 * SWING, hip_flexion_r=-2.0)
     (said,) = check_unit(FULL_BODY, still, "a.mot")
-    assert said.startswith("No angle of the joints exceeds 2.1 deg. Angles in radians that are")
+    assert said.startswith("No angle of the joints exceeds 2.1 deg: radians that are taken as")
     # Two joints that move are no three; and what is larger, or none at all, is no radian.
     two = angles(pelvis_tilt=2 * SWING, knee_angle_r=1 + SWING, hip_flexion_r=0.0)
     assert len(check_unit(FULL_BODY, two, "a.mot")) == 1
@@ -140,7 +140,7 @@ def test_knees_that_bend_negatively_are_reversed(lacks: tuple[str, ...]) -> None
     theirs = {name: -each if "knee" in name else each for name, each in given.items()}
     found, said = with_bent_hinges(theirs, "a.mot")
     assert said == [
-        "The knees' angles are negative where they bend, as in gait2392: they are reversed."
+        "The angles of the knees are negative in flexion, as in gait2392: they are reversed."
     ]
     for name, each in given.items():
         np.testing.assert_array_equal(found[name], each)

@@ -44,7 +44,7 @@ def test_everybody_is_at_everybodys_times(head: str, order: list[int], tmp_path:
     assert motion.time == pytest.approx([0, 0.1, 0.2, 0.3])
     np.testing.assert_array_equal(motion.of("7:neck")[:, 2], [3, 4, 5, NAN])
     np.testing.assert_array_equal(motion.of("9:neck")[:, 2], [6, 7, NAN, 8])
-    assert "The rows are those of 2 people, whose names begin those of the points." in motion.notes
+    assert "The rows are those of 2 people, whose names are the points' prefixes." in motion.notes
 
 
 def test_names_of_people_are_words_too(tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_a_count_of_the_rows_is_nobody(count: int, tmp_path: Path) -> None:
     motion = read(read_table, write(tmp_path / "a.csv", content))
     assert motion.names == ("neck",)
     assert len(motion.time) == count
-    assert "The column id is another in each row and is not used." in motion.notes
+    assert "The column id has another value in each row and is not used." in motion.notes
 
 
 def test_an_id_that_changes_midway_is_somebody_else(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_stated_rate_where_the_times_of_people_are_coarse(tmp_path: Path) -> N
 def test_what_is_wrong_with_somebodys_times_is_told(tmp_path: Path) -> None:
     for rows, sentence in (
         (["0.2,7,1,2,3", "0,9,1,2,3", "0.1,7,1,2,3"], "'7': time runs backwards from 0.2 to 0.1"),
-        (["0,7,1,2,3", "0,9,1,2,3", ",7,1,2,3"], "row 3 of the numbers has no time, allowed one"),
+        (["0,7,1,2,3", "0,9,1,2,3", ",7,1,2,3"], "row 3 of the numbers has no time, allowed a"),
     ):
         refused(read_table, write(tmp_path / "a.csv", table(*rows)), sentence)
 
@@ -113,7 +113,7 @@ def test_a_crowd(tmp_path: Path) -> None:
     motion = read(read_table, write(tmp_path / "a.csv", table(*rows).replace("time", "time (s)")))
     assert len(motion.names) == 20
     assert "0:neck" not in motion.names
-    assert "Of 25 people the 20 are read that are seen most often." in motion.notes
+    assert "Of 25 people the 20 that are seen most often are read." in motion.notes
 
 
 def test_more_people_than_anybody_tracks() -> None:
@@ -122,5 +122,5 @@ def test_more_people_than_anybody_tracks() -> None:
     for i in range(999):
         people("a")
         people(f"{i}")
-    with pytest.raises(ValueError, match=r"^as one more person, allowed the names of 1000 people"):
+    with pytest.raises(ValueError, match=r"^as a further person, allowed at most 1000 people"):
         people("one")

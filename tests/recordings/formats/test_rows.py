@@ -133,7 +133,7 @@ def test_rows_that_are_left_out_do_not_fill_the_memory(monkeypatch: pytest.Monke
     assert sum(map(len, blocks(lines_of("1\n" * 999), ",", 1000))) == 999
     assert sum(map(len, blocks(lines_of("1,2,3\n" * 400_000), ",", 3))) == 400_000
     sizes = map(np.size, blocks(lines_of("1\n" * 100_000), ",", 100_000))
-    with pytest.raises(RecordingError, match="got rows with hardly any number, allowed 100000 in"):
+    with pytest.raises(RecordingError, match="got rows with hardly any numbers, allowed 100000 in"):
         assert max(sizes) < 5e6
 
 

@@ -36,7 +36,7 @@ def test_what_is_seen_on_each_scale(values: list[float], seen: list[int], words:
     assert np.isfinite(positions[:, 0]).all()
     lost = 4 - sum(seen)
     assert notes == [
-        f"{lost} of 8 places are taken as not seen: their score is {words} or not told."
+        f"{lost} of 8 places are taken as not seen: their score is {words} or missing."
     ]
 
 

@@ -89,7 +89,7 @@ def test_frames_that_are_there_twice(tmp_path: Path) -> None:
     assert motion.notes == (
         "1 of 5 frames have the time of the frame before and are left out.",
         "The frames are uniform in time, 0.1 s apart.",
-        "1 of 4 frames are the frame before once more.",
+        "1 of 4 frames repeat the frame before.",
     )
     other = write(tmp_path / "b.csv", TABLE + "0.2,9,9,9,9,9,9\n")
     refused(read_table, other, r"^b.csv: 1 of 4 frames have the time .* per second \(rate\)$")
@@ -193,7 +193,7 @@ BROKEN = {
     "empty lines": ("\n" * 9000 + TABLE, "line 1000: got 1000 lines without a row of numbers"),
     "other columns": (
         TABLE.replace(".x", ".u").replace(".y", ".v"),
-        r"line 1: got the columns 'time', 'neck\.u', .* and 1 more, allowed three for each joint",
+        r"line 1: got the columns 'time', 'neck\.u', .* and 1 more, allowed three columns for",
     ),
     "two axes": (TABLE.replace(".z", ".u"), "line 1: got the columns"),
     "a column twice": (

@@ -106,8 +106,8 @@ def test_a_rate_that_is_not_that_of_the_times(rate: str, tmp_path: Path) -> None
     motion = read(read_trc, write(tmp_path / "a.trc", content))
     assert motion.time == pytest.approx([0, 0.1, 0.2])
     assert motion.notes == (
-        f"The file states {float(rate):g} frames per second, and by its times there are 10: the"
-        " times are taken.",
+        f"The file states {float(rate):g} frames per second, but its times give 10: the times"
+        " are used.",
         UNIFORM,
     )
 
@@ -123,7 +123,7 @@ def test_a_rate_that_says_nothing_else(rate: str, tmp_path: Path) -> None:
 BROKEN = {
     "empty": ("", "^a.trc: the file ends in line 0, required is the line PathFileType"),
     "other": ("HIERARCHY\n", "line 1: got 'HIERARCHY', allowed PathFileType"),
-    "cut in the head": (TRC[:40], "the file ends in line 2, required is what is stated"),
+    "cut in the head": (TRC[:40], "the file ends in line 2, required is the row of values"),
     "cut below the head": (TRC[: TRC.index("\n1\t0.0")], "a.trc: got no row of numbers"),
     "no names": (TRC[: TRC.index("Frame#")], "the file ends in line 3, required is the names"),
     "no coordinates": (

@@ -55,7 +55,8 @@ def test_a_lost_marker_is_put_where_ten_tell_it(walked) -> None:
     rest = np.isin(np.arange(len(whole.time)), np.r_[LOST], invert=True)
     np.testing.assert_array_equal(found.positions[rest], whole.positions[rest])
     assert found.notes[-1].startswith(
-        "In 10 of 30 frames markers are lost that the others tell to 2.5 cm"
+        "In 10 of 30 frames lost markers are estimated from the others, with a standard deviation"
+        " below 2.5 cm"
     )
     assert found.notes[-1].endswith("(10 places).")
 

@@ -146,7 +146,9 @@ def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
     recording, whole = taken(walked, lost), taken(walked, ())
     assert recording.scored[LOST].all()
     assert worst(recording, whole.postures) < 5
-    assert any("markers are lost that the others tell" in each for each in recording.assumptions)
+    assert any(
+        "lost markers are estimated from the others" in each for each in recording.assumptions
+    )
     monkeypatch.setattr(assemble, "completed", lambda *given: None)
     alone = taken(walked, lost)
     assert not alone.scored[LOST].any()

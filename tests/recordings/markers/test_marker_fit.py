@@ -169,7 +169,7 @@ def test_what_is_never_seen_is_where_the_person_file_has_it(
     recording = read(places, names, person=calibrated)
     assert worst(recording) < 0.5
     assert recording.scored.all()
-    assert "Never seen and put where the person file has it" in said(recording)
+    assert "Never seen and placed as in the person file" in said(recording)
 
 
 def test_a_file_of_a_take_in_which_a_pelvis_marker_is_never_seen(
@@ -248,7 +248,7 @@ def test_skin_that_moves_is_the_same_person(tmp_path: Path, calibrated: Path) ->
     places, names = gone("RASI", True)
     recording = read(places, names, person=tmp_path / "me.toml")
     assert worst(recording) < OFF
-    assert "where the person file has it: right asis; the others of the pelvis" in said(recording)
+    assert "as in the person file: right asis; the others of the pelvis" in said(recording)
 
 
 def test_markers_on_two_segments_are_no_shape(tmp_path: Path, calibrated: Path) -> None:

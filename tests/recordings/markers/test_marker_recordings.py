@@ -40,7 +40,7 @@ def test_a_unit_that_is_not_stated(unit: float) -> None:
     recording = read(PLACES / unit, unit_to_m=None)
     assert worst(recording) < 0.1
     assert recording.person.stature == pytest.approx(1.72, abs=0.005)
-    assert f"taken as {unit:g} m, by the width of the person" in said(recording)
+    assert f"taken as {unit:g} m, from the width of the person" in said(recording)
 
 
 @pytest.mark.parametrize("up", UPS)
@@ -90,7 +90,7 @@ def test_sets_that_are_not_complete(gone: tuple[str, ...], most: float) -> None:
     assert worst(recording) < most
     assert recording.scored.all()
     if "RFHD" in gone:
-        assert "Not told by the recording and held at zero: neck flexion" in said(recording)
+        assert "Not determined by the recording and set to zero: neck flexion" in said(recording)
 
 
 def test_the_sacrum_instead_of_both_psis() -> None:
@@ -142,7 +142,7 @@ def test_widths_that_vicon_measured_are_used() -> None:
     sides = {f"{side}{name}": size for side in "lr" for name, size in (("kneewidth", 0.13),)}
     wide = recording_of(taken(measures=sides), "take.c3d", Reading())
     assert "72 mm at the knee" in said(wide)
-    assert "(as the file has measured them)" in said(wide)
+    assert "(as measured in the file)" in said(wide)
     assert 0.1 < worst(wide) < OFF
     absurd = {name: 13.0 for name in sides}
     assert "(adult averages)" in said(recording_of(taken(measures=absurd), "take.c3d", Reading()))

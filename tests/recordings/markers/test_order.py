@@ -52,7 +52,10 @@ def renamed(names: str, rows: slice = EVERYWHERE) -> np.ndarray:
 
 @pytest.mark.parametrize("names", WRONG)
 def test_names_that_are_exchanged_for_the_whole_take(names: str) -> None:
-    what = f"got markers of which {WRONG[names]}.*, allowed ones that are where their names say"
+    what = (
+        rf"got markers in impossible places \({WRONG[names]}.*\), allowed markers where their names"
+        " say"
+    )
     with pytest.raises(RecordingError, match=what):
         read(renamed(names))
 

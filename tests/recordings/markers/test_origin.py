@@ -15,7 +15,7 @@ from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.markers.origin import off_origin
 from ergoqp.recordings.motion import JointMotion
 
-SENTENCE = "markers at exactly 0, 0, 0 are taken for not seen"
+SENTENCE = "markers at exactly 0, 0, 0 are taken as not seen"
 
 
 def test_they_are_not_seen_and_counted() -> None:

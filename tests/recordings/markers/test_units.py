@@ -28,7 +28,7 @@ def test_a_unit_that_cannot_be(unit: float):
 def test_units_that_are_mixed_are_refused():
     places = PLACES.copy()
     places[:, [NAMES.index(name) for name in ("RKNE", "LKNE", "RELB")]] *= 0.001
-    with pytest.raises(RecordingError, match="allowed ones that are where their names say"):
+    with pytest.raises(RecordingError, match="allowed markers where their names say"):
         fit_postures(NAMES, places, 60.0)
 
 
