@@ -38,8 +38,8 @@ CORE: Final = "ergoqp_core"
 
 _DRAWN: Final = (
     "The step was exported with a guide: where descent comes to rest at a worse place, the object\n"
-    "  goes to that of the guide. `ergoqp_guide` sets another place, or none. The promise of a place\n"
-    "  is its expected cost, or one of `ERGOQP_PROMISE_...`."
+    "  goes to that of the guide. `ergoqp_guide` sets another place, or none. The promise of a\n"
+    "  place is its expected cost, or one of `ERGOQP_PROMISE_...`."
 )
 _DESCENT: Final = (
     "The step descends the cost. To have it go to a given place too, export it with a guide\n"

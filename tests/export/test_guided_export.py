@@ -40,7 +40,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, str]:
     folder = tmp_path_factory.mktemp("export") / "step"
     export_step(problem, folder, Guide(best.pose, firm=True))
     text = (folder / "README.md").read_text()
-    assert "`ergoqp_guide` names another place" in text
+    assert "`ergoqp_guide` sets another place" in text
     assert "@" not in text.replace("example", "")
     return load_wrapper(folder), str(build(folder))
 
@@ -153,7 +153,7 @@ def test_one_that_knows_descent_alone_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="guide: problem forearm moves"):
         export_step(problem, tmp_path / "guided", np.eye(4))
     assert not (tmp_path / "guided").exists()
-    assert "goes by descent" in (tmp_path / "step/README.md").read_text()
+    assert "descends the cost" in (tmp_path / "step/README.md").read_text()
 
 
 def test_the_command_takes_a_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
