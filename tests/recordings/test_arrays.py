@@ -36,8 +36,17 @@ def test_names_that_are_none(names: Any) -> None:
 @pytest.mark.parametrize(
     "points",
     [
-        *(None, 5, "x", POINTS.astype(complex), POINTS.astype(str), POINTS > 0, POINTS[:, :3]),
-        *([[[0.0], [1.0, 2.0]]], POINTS[None], POINTS[0], POINTS.astype("datetime64[s]")),
+        None,
+        5,
+        "x",
+        [[[0.0], [1.0, 2.0]]],
+        POINTS.astype(complex),
+        POINTS.astype(str),
+        POINTS.astype("datetime64[s]"),
+        POINTS > 0,
+        POINTS[0],
+        POINTS[None],
+        POINTS[:, :3],
     ],
 )
 def test_positions_that_are_none(points: Any) -> None:

@@ -15,35 +15,52 @@ from ergoqp.recordings.names import CENTRES
 from ergoqp.recordings.naming import known_namings, read_mapping
 
 WANTED = (*CENTRES, *LANDMARKS)
-WILD = (
-    *('say "hip"', "C:\\hips", "a\nright_hip = 'x'", "tab\there", "bell\x07", "del\x7f", "nul\0"),
-    *("next\x85line", "line\u2028", "\ufeffbom", "# comment", "=", "'", "", " ", "[table]", "左手"),
-    *("é", "🙂", "\\u0041", "\udcff lone", "L_Elbow", 'R_Hip"\n'),
+SIGNS = ("=", "'", "", " ", "[table]", "# comment", "C:\\hips", "tab\there", "\\u0041", 'R_Hip"\n')
+CONTROLS = (
+    "bell\x07",
+    "del\x7f",
+    "nul\0",
+    "next\x85line",
+    "line\u2028",
+    "\ufeffbom",
+    "\udcff lone",
 )
+WILD = (*SIGNS, *CONTROLS, 'say "hip"', "a\nright_hip = 'x'", "左手", "é", "🙂", "L_Elbow")
+WORDS = {
+    "neck": ("C7", "SpineShoulder"),
+    "pelvis": ("Hips", "root"),
+    "nose": ("Nose",),
+    "head": ("Head", "Tête"),
+    "head_top": ("HeadTop", "head_end"),
+    "right_shoulder": ("Skel_R_UpperArm", "E\u0301paule droite"),
+    "left_shoulder": ("bip01 L UpperArm", "Épaule gauche"),
+    "right_elbow": ("RElbow1", "R_Elbow_02", "ForeArm2.R", "rradius"),
+    "left_elbow": (
+        "LElbow",
+        "lElbow",
+        "LELBOW",
+        "l_elbow",
+        "elbow_l",
+        "ElbowLeft",
+        "LEFT_ELBOW",
+        "Left Fore-Arm",
+    ),
+    "right_wrist": ("RIGHT HAND",),
+    "left_wrist": ("hand_l",),
+    "right_knuckles": ("index_02_r", "RightHandMiddle1"),
+    "right_thumb": ("rthumb",),
+    "left_thumb": ("LeftHandThumb1", "thumb_01_l"),
+    "right_hip": ("RightUpLeg", "Hüfte rechts"),
+    "left_hip": ("lfemur",),
+    "right_knee": ("rtibia",),
+    "left_ankle": ("lfoot", "Knöchel_li"),
+    "right_toe": ("rightToeBase",),
+    "left_toe": ("ball_l",),
+}
 
 
 @pytest.mark.parametrize(
-    ("name", "centre"),
-    [
-        *(("Skel_R_UpperArm", "right_shoulder"), ("bip01 L UpperArm", "left_shoulder")),
-        *(("LElbow", "left_elbow"), ("lElbow", "left_elbow"), ("LELBOW", "left_elbow")),
-        *(("l_elbow", "left_elbow"), ("elbow_l", "left_elbow"), ("ElbowLeft", "left_elbow")),
-        *(("LEFT_ELBOW", "left_elbow"), ("Left Fore-Arm", "left_elbow")),
-        *(("RElbow1", "right_elbow"), ("R_Elbow_02", "right_elbow"), ("ForeArm2.R", "right_elbow")),
-        *(("rradius", "right_elbow"), ("hand_l", "left_wrist"), ("RIGHT HAND", "right_wrist")),
-        *(
-            ("LeftHandThumb1", "left_thumb"),
-            ("rthumb", "right_thumb"),
-            ("thumb_01_l", "left_thumb"),
-        ),
-        *(("index_02_r", "right_knuckles"), ("RightHandMiddle1", "right_knuckles")),
-        *(("rightToeBase", "right_toe"), ("ball_l", "left_toe"), ("lfoot", "left_ankle")),
-        *(("RightUpLeg", "right_hip"), ("lfemur", "left_hip"), ("rtibia", "right_knee")),
-        *(("Head", "head"), ("HeadTop", "head_top"), ("head_end", "head_top"), ("C7", "neck")),
-        *(("SpineShoulder", "neck"), ("Hips", "pelvis"), ("root", "pelvis"), ("Nose", "nose")),
-        *(("Hüfte rechts", "right_hip"), ("Knöchel_li", "left_ankle"), ("Tête", "head")),
-        *(("Épaule gauche", "left_shoulder"), ("E\u0301paule droite", "right_shoulder")),
-    ],
+    ("name", "centre"), [(name, centre) for centre, names in WORDS.items() for name in names]
 )
 def test_the_words_of_a_name(name: str, centre: str) -> None:
     assert guessed((name,)) == {centre: name}

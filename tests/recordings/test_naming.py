@@ -11,14 +11,10 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import Naming, known_namings, naming_of
 
 NAMINGS = pytest.mark.parametrize("naming", known_namings(), ids=lambda each: each.title)
-_SIDED = (
-    *("Shoulder", "UpperArm", "LowerArm", "Hand"),
-    *("UpperLeg", "LowerLeg", "Foot", "Toes"),
-)
-UNITY = (
-    *("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head"),
-    *(f"{side}{bone}" for side in ("Left", "Right") for bone in _SIDED),
-)
+_SPINE = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
+_ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
+_LEG = ("UpperLeg", "LowerLeg", "Foot", "Toes")
+UNITY = (*_SPINE, *(f"{side}{bone}" for side in ("Left", "Right") for bone in _ARM + _LEG))
 """Bones of Unity's humanoid, without fingers and face."""
 
 

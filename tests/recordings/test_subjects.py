@@ -20,10 +20,8 @@ from ergoqp.recordings.names import CENTRES
 from ergoqp.recordings.subjects import of_subject
 
 COUNT = 60
-MARKERS = (
-    *("LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN"),
-    *("LSHO", "RSHO", "LASI", "RASI", "LPSI", "RPSI"),
-)
+HEAD_AND_TRUNK = ("LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN")
+MARKERS = (*HEAD_AND_TRUNK, "LSHO", "RSHO", "LASI", "RASI", "LPSI", "RPSI")
 BOX = np.array([[0, 0, 0], [400, 0, 0], [400, 300, 0], [0, 300, 20], [200, 150, 250.0]])
 
 

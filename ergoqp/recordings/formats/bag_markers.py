@@ -20,12 +20,14 @@ from ergoqp.recordings.formats.bag_series import MOST, Frames, finite, frames_of
 from ergoqp.recordings.formats.opening import short, some
 from ergoqp.recordings.formats.stamps import repeated
 
+_SPINE: Final = ("PELVIS", "SPINE_NAVEL", "SPINE_CHEST", "NECK")
 _ARM: Final = ("CLAVICLE", "SHOULDER", "ELBOW", "WRIST", "HAND", "HANDTIP", "THUMB")
 _LEG: Final = ("HIP", "KNEE", "ANKLE", "FOOT")
+_HEAD: Final = ("HEAD", "NOSE", "EYE_LEFT", "EAR_LEFT", "EYE_RIGHT", "EAR_RIGHT")
 KINECT: Final[tuple[str, ...]] = (
-    *("PELVIS", "SPINE_NAVEL", "SPINE_CHEST", "NECK"),
+    *_SPINE,
     *(f"{name}_{side}" for part in (_ARM, _LEG) for side in ("LEFT", "RIGHT") for name in part),
-    *("HEAD", "NOSE", "EYE_LEFT", "EAR_LEFT", "EYE_RIGHT", "EAR_RIGHT"),
+    *_HEAD,
 )
 """The joints of the Azure Kinect, in their order."""
 _POINTS: Final = frozenset({0, 1, 2, 3, 9, 10})

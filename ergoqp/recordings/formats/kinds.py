@@ -33,10 +33,16 @@ _LOOKED_AT: Final = 1 << 17
 _ROW: Final = 6
 """Least number of numbers in a row of a table: two points."""
 _COMPRESSED: Final = (
-    *(b"\x1f\x8b", b"PK\3\4", b"PK\5\6", b"7z\xbc\xaf\x27\x1c", b"\xfd7zXZ\0"),
-    *(b"BZh", b"\x28\xb5\x2f\xfd", b"Rar!\x1a\7"),
+    b"\x1f\x8b",  # gzip
+    b"PK\3\4",  # zip
+    b"PK\5\6",  # zip, empty
+    b"7z\xbc\xaf\x27\x1c",
+    b"\xfd7zXZ\0",
+    b"BZh",  # bzip2
+    b"\x28\xb5\x2f\xfd",  # Zstandard
+    b"Rar!\x1a\7",
 )
-"""First bytes of files of gzip, zip, 7z, xz, bzip2, Zstandard and RAR."""
+"""First bytes of compressed files."""
 _SHEETS: Final = (b"[Content_Types].xml", b"xl/", b"opendocument.spreadsheet")
 """Texts near the start of a zip file that a spreadsheet program has written."""
 

@@ -65,13 +65,12 @@ def test_confidence_below_the_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, [[[np.nan] * 3, [4, 5, 6]]])
 
 
-@pytest.mark.parametrize(
-    "head",
-    [
-        *("a.conf", "a c", "a_p", "a.prob", "a probability", "aTrackingState", "a.tracking_state"),
-        *("a.confidence_level", "A.Confidence (0-2)", "a.visibility[0..1]", "a.state", "a:tracked"),
-    ],
-)
+CONFIDENCES = ("a.conf", "a c", "a_p", "a.confidence_level", "A.Confidence (0-2)")
+PROBABILITIES = ("a.prob", "a probability", "a.visibility[0..1]")
+STATES = ("aTrackingState", "a.tracking_state", "a.state", "a:tracked")
+
+
+@pytest.mark.parametrize("head", CONFIDENCES + PROBABILITIES + STATES)
 def test_heads_of_how_surely_a_place_is_seen(head: str, tmp_path: Path) -> None:
     content = f"time,a.x,a.y,a.z,{head},b.x,b.y,b.z\n0,1,2,3,0,4,5,6\n0.1,1,2,3,2,4,5,6\n"
     motion = read(read_table, write(tmp_path / "a.csv", content))

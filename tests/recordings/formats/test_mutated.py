@@ -36,23 +36,23 @@ FORMATS = {
     "nexus": (read_nexus, NEXUS),
     "bodies": (read_bodies, BODY),
 }
-PIECES = st.sampled_from(
-    [
-        *["", " ", "\n", "\r", "\r\n", "\t", ",", ";", '"', "\x00", "\x0c", "\x85", "\u2028", "é"],
-        *["nan", "inf", "-1e9", "1e30", "1e300", "5e-324", "9" * 30, "9" * 5000, "1_0", "²", "μs"],
-        *["<", ">", "</frame>", "<frame>", "<segments>", "&lt;", "]]>", "=", "time", ".x", "Frame"],
-        *[
-            "Rigid Body",
-            "Marker",
-            "Unlabeled",
-            "Position",
-            "endheader\n",
-            "nRows=",
-            "(ms)",
-            "1,2,3",
-        ],
-    ]
+SIGNS = ("", " ", "\n", "\r", "\r\n", "\t", ",", ";", '"', "\x00", "\x0c", "\x85", "\u2028", "é")
+NUMBERS = (
+    "nan",
+    "inf",
+    "-1e9",
+    "1e30",
+    "1e300",
+    "5e-324",
+    "9" * 30,
+    "9" * 5000,
+    "1_0",
+    "²",
+    "1,2,3",
 )
+TAGS = ("<", ">", "</frame>", "<frame>", "<segments>", "&lt;", "]]>", "=", "endheader\n", "nRows=")
+WORDS = ("Rigid Body", "Marker", "Unlabeled", "Position", "time", ".x", "Frame", "(ms)", "μs")
+PIECES = st.sampled_from(SIGNS + NUMBERS + TAGS + WORDS)
 SLOW = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 
 
