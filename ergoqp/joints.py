@@ -69,7 +69,13 @@ UPPER_BODY: Final[tuple[str, ...]] = JOINTS[:20]
 """Trunk, neck and both arms."""
 
 INDEX: Final[dict[str, int]] = {name: i for i, name in enumerate(JOINTS)}
-"""Position of a joint in a posture."""
+"""Position of each joint in a posture, by its name.
+
+Example:
+    >>> from ergoqp.joints import INDEX
+    >>> INDEX["neck_flexion"]
+    3
+"""
 
 LOWER: Final[np.ndarray] = np.radians([low for _, low, _ in _TABLE])
 """Lower end of each joint's range, shape (32,) [rad]."""

@@ -47,6 +47,13 @@ def population(
 
     Raises:
         InputError: if a sequence is empty, or `variant` does not accept a value.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.population import population
+        >>> people = population(ergoqp.load_problem("desk"), [1.60, 1.90], ["right", "both"])
+        >>> [label for label, _ in people]
+        ['1.60 m, right hand', '1.90 m, right hand', '1.60 m, both hands', '1.90 m, both hands']
     """
     given = {"loads_kg": loads_kg, "hands": hands, "statures": statures}
     choices = [

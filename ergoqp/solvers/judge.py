@@ -60,7 +60,27 @@ NOTHING: Final = Residuals(np.inf, np.inf, np.inf, np.inf)
 
 
 def judge(qp: Qp, answer: QpAnswer) -> Residuals:
-    """Return the residuals of an answer."""
+    """Return the residuals of an answer.
+
+    Args:
+        qp: the QP.
+        answer: x (n,) and multipliers of rows (m,) and bounds (n,), in the units of the QP.
+
+    Source:
+        Caron and others, qpbenchmark, 2024: primal and dual residual and duality gap.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers.judge import judge
+        >>> from ergoqp.solvers.sequence import Qp
+        >>> from ergoqp.solvers.session import QpAnswer
+        >>> one = np.ones(1)
+        >>> qp = Qp(one[:, None], -2 * one, one[:, None], -one, one, -5 * one, 5 * one)
+        >>> judge(qp, QpAnswer(one, one, 0 * one, "solved")).worst
+        0.0
+        >>> judge(qp, QpAnswer(2 * one, 0 * one, 0 * one, "solved")).primal
+        1.0
+    """
     x, rows, box = answer.x, answer.rows, answer.box
     if not (np.isfinite(x).all() and np.isfinite(rows).all() and np.isfinite(box).all()):
         return NOTHING

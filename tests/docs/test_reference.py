@@ -171,6 +171,20 @@ def test_all_of_the_package_is_public() -> None:
     assert len(set(NAMES)) == len(NAMES)
 
 
+def test_pages_import_public_names() -> None:
+    public = {id(found(name)) for name in NAMES} | {id(ergoqp.reba), id(ergoqp.errors)}
+    imported = re.compile(r"^from (ergoqp(?:\.\w+)*) import (.+)$", re.MULTILINE)
+    pages = (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
+    unknown = [
+        f"{page.name}: {module}.{name}"
+        for page in pages
+        for module, names in imported.findall(page.read_text(encoding="utf-8"))
+        for name in names.split(", ")
+        if id(getattr(importlib.import_module(module), name)) not in public
+    ]
+    assert not unknown
+
+
 def _with_examples() -> list[str]:
     """Return the modules of the package with examples, and the public constants with one."""
     modules = [

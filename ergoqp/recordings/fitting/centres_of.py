@@ -36,6 +36,15 @@ def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str
 
     Returns:
         Centre -> positions (n, 3) [m].
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.human import Body
+        >>> from ergoqp.recordings.fitting.centres_of import centres_of
+        >>> pelvis = np.array([[0.0, 0.0, 0.9, 0.0]])
+        >>> centres = centres_of(Body(), pelvis, np.zeros((1, 32)))
+        >>> float(centres["left_wrist"][0, 1].round(3))
+        0.184
     """
     z, function, growth = np.hstack([pelvis, postures]), _function(), growth_of(body)
     parts = [np.array(function(z[at : at + _BLOCK].T, growth)) for at in range(0, len(z), _BLOCK)]

@@ -29,6 +29,16 @@ class Holding(ABC):
         fallen: whether the person has fallen.
         unbalanced: whether the centre of mass is outside the base of support.
         slid: largest distance of a sole from where it was put [m].
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people import person_of_kind
+        >>> person = person_of_kind("alike", ergoqp.load_problem("screwing"), 0)
+        >>> held = person.hold(person.comfort)
+        >>> lower = held.pose.copy()
+        >>> lower[2, 3] -= 0.1
+        >>> held.rest(lower), held.posture.shape
+        (True, (32,))
     """
 
     pose: np.ndarray
@@ -60,7 +70,7 @@ class Holding(ABC):
         """Advance by `dt` seconds, while the robot moves the object to `pose` (4, 4) [m].
 
         Args:
-            pose: pose of the contact frame that the robot wants at the end of this time.
+            pose: contact frame that the robot wants at the end of this time (4, 4) [m].
             dt: duration [s].
         """
 
@@ -106,6 +116,16 @@ class Person(ABC):
         senses: sensors between the person and the controller.
         comfort: posture of the person with nothing to reach for (32,) [rad].
         footing: what supports the person, as a clause for people.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people import person_of_kind
+        >>> person = person_of_kind("looking", ergoqp.load_problem("screwing"), 0)
+        >>> person.kind, person.comfort.shape
+        ('looking', (32,))
+        >>> posture, reached = person.reach(person.hold(person.comfort).pose)
+        >>> reached
+        True
     """
 
     kind: ClassVar[str]
@@ -147,7 +167,7 @@ class Person(ABC):
         the pelvis (seated), with x along the person's heading.
 
         Args:
-            posture: posture; the pose of the object follows from it.
+            posture: joint angles (32,) [rad]; the pose of the object follows from them.
             senses: how late the person follows; None: the senses of this person.
             seed: seed of what the person does at random.
         """
@@ -156,7 +176,7 @@ class Person(ABC):
         """Return the person at rest with the object at `pose` (4, 4), or as near as they reach.
 
         Args:
-            pose: pose of the object, in the world of `hold`.
+            pose: pose of the object (4, 4) [m], in the world of `hold`.
             senses: as for `hold`.
             seed: as for `hold`.
         """

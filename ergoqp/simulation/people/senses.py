@@ -35,6 +35,15 @@ class Senses:
         drift_time: time constant of the drift [s].
         lost: share of frames that do not arrive.
         bias_deg: constant error of the angles of some joints, by their names [deg].
+
+    Raises:
+        InputError: if a value has the wrong type or is out of range, or a joint is unknown.
+
+    Example:
+        >>> from ergoqp.simulation.people.senses import Senses
+        >>> senses = Senses(delay=0.2, bias_deg={"right_knee_flexion": 5.0})
+        >>> float(senses.bias.max().round(4))
+        0.0873
     """
 
     delay: float = 0.15

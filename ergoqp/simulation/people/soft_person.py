@@ -18,7 +18,25 @@ from ergoqp.simulation.people.soft_holding import SoftHolding
 
 
 class SoftPerson(SoftBody):
-    """A person simulated by whole-body inverse kinematics with soft tasks, see `SoftBody`."""
+    """A person simulated by whole-body inverse kinematics with soft tasks.
+
+    Hands, feet, balance and preferred posture are weighed against each other. To make a kind of
+    your own, change `habits_of`, `senses_of` or `holding`.
+
+    Example:
+        >>> import ergoqp
+        >>> from dataclasses import replace
+        >>> from ergoqp.simulation.people.soft_person import SoftPerson
+        >>> class Slow(SoftPerson):
+        ...     kind = "slow"
+        ...     manner = "who follows late"
+        ...
+        ...     @classmethod
+        ...     def senses_of(cls, senses, rng):
+        ...         return replace(senses, delay=0.4)
+        >>> Slow.drawn(ergoqp.load_problem("screwing"), seed=0).senses.delay
+        0.4
+    """
 
     holding: ClassVar[type[SoftHolding]] = SoftHolding
     """Class of the state of people of this kind."""
@@ -29,6 +47,11 @@ class SoftPerson(SoftBody):
 
         Body, habits and senses are drawn independently. With another body the others stay the
         same.
+
+        Args:
+            problem: the task, of which hands, tool, stance and seat are used.
+            seed: seed of the person.
+            body: their body; None: it is drawn.
         """
         bodies, habits, senses = generators(cls.kind, problem.name, seed)
         work = Work.of(problem)
