@@ -130,7 +130,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.placing.group.optimise.best_for_group",
         "ergoqp.placing.group.optimum.GroupOptimum",
         "ergoqp.placing.group.optimum.Member",
-        "ergoqp.placing.group.people.Person",
+        "ergoqp.placing.group.people.GroupPerson",
     ),
     "Simulation": (
         "ergoqp.simulate",

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ergoqp.placing.group.optimum import GroupOptimum, Member
-from ergoqp.placing.group.people import Person
+from ergoqp.placing.group.people import GroupPerson
 from ergoqp.placing.group.search import Placing
 from ergoqp.placing.slices import Slice, slices_through
 from ergoqp.problem.problem import Problem
@@ -47,7 +47,12 @@ _MOST_NAMES = 3
 
 
 def write_group_page(
-    found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, *, jobs: int = 1
+    found: GroupOptimum,
+    problem: Problem,
+    people: tuple[GroupPerson, ...],
+    path: Path,
+    *,
+    jobs: int = 1,
 ) -> None:
     """Write the report of a group's place as one self-contained HTML file.
 
@@ -160,7 +165,7 @@ def _adjustable(found: GroupOptimum) -> Section:
 
 
 def _maps(
-    found: GroupOptimum, problem: Problem, people: tuple[Person, ...], jobs: int
+    found: GroupOptimum, problem: Problem, people: tuple[GroupPerson, ...], jobs: int
 ) -> list[Section]:
     slices = slices_through(problem, [person.follower for person in people], found.pose, jobs=jobs)
     place = [Spot(Placing.of(problem).point(found.pose))]

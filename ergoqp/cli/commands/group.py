@@ -24,7 +24,7 @@ from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.placing.group.optimise import MOST_STARTS, best_for_group
 from ergoqp.placing.group.optimum import GroupOptimum
-from ergoqp.placing.group.people import Person, drawn_people, read_people
+from ergoqp.placing.group.people import GroupPerson, drawn_people, read_people
 from ergoqp.placing.group.search import Objective
 from ergoqp.placing.population import variant
 from ergoqp.problem.problem import Problem
@@ -131,7 +131,7 @@ def group_table(found: GroupOptimum) -> RenderableType:
     return Stack(title, people, Text(""), free)
 
 
-def _people(problem: Problem, people: str, seed: int) -> tuple[Person, ...]:
+def _people(problem: Problem, people: str, seed: int) -> tuple[GroupPerson, ...]:
     if people.strip().isdecimal():
         return drawn_people(problem, int(people), seed)
     return read_people(
@@ -140,7 +140,7 @@ def _people(problem: Problem, people: str, seed: int) -> tuple[Person, ...]:
 
 
 def _write_page(
-    found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, jobs: int
+    found: GroupOptimum, problem: Problem, people: tuple[GroupPerson, ...], path: Path, jobs: int
 ) -> None:
     from ergoqp.report.group_page import write_group_page
 

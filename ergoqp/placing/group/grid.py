@@ -10,7 +10,7 @@ import numpy as np
 from ergoqp.arguments import check_real, shown
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.placing.group.people import Person
+from ergoqp.placing.group.people import GroupPerson
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import outward, workspace_lines, workspace_map, workspace_poses
@@ -86,7 +86,7 @@ class SharedGrid:
 
 def shared_grid(
     problem: Problem,
-    people: Sequence[Person],
+    people: Sequence[GroupPerson],
     spacing: float,
     *,
     jobs: int = 1,

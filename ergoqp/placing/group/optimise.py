@@ -20,7 +20,7 @@ from ergoqp.arguments import check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.placing.group.grid import AXES, SharedGrid, shared_grid
 from ergoqp.placing.group.optimum import GroupOptimum, Member
-from ergoqp.placing.group.people import Person, read_people
+from ergoqp.placing.group.people import GroupPerson, read_people
 from ergoqp.placing.group.search import Objective, PlaceSearch, RestAtPlace
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.population import person_of
@@ -45,7 +45,7 @@ _SHARES = (0.6, 0.85)  # share of the work that is done after the grid, and afte
 
 def best_for_group(
     problem: Problem,
-    people: Sequence[float | Alike | Person],
+    people: Sequence[float | Alike | GroupPerson],
     objective: Objective = "minimax",
     *,
     spacing: float = SPACING,
@@ -145,7 +145,7 @@ def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]
 
 def _from_starts(
     problem: Problem,
-    people: Sequence[Person],
+    people: Sequence[GroupPerson],
     grid: SharedGrid,
     objective: Objective,
     points: Sequence[np.ndarray],
@@ -165,7 +165,7 @@ def _from_starts(
 
 def _own_best(
     problem: Problem,
-    people: Sequence[Person],
+    people: Sequence[GroupPerson],
     grid: SharedGrid,
     number: int,
     group_point: np.ndarray,
@@ -180,7 +180,7 @@ def _own_best(
     )
 
 
-def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
+def _refuse_unreached(people: Sequence[GroupPerson], grid: SharedGrid) -> None:
     """Raise an error if no place is reached by everybody.
 
     Raises:
@@ -210,7 +210,7 @@ def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
 
 def _members(
     problem: Problem,
-    people: Sequence[Person],
+    people: Sequence[GroupPerson],
     grid: SharedGrid,
     rest: RestAtPlace,
     own: Sequence[RestAtPlace],

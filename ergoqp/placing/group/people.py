@@ -17,7 +17,7 @@ MOST = 200
 
 
 @dataclass(frozen=True)
-class Person:
+class GroupPerson:
     """One person of a group.
 
     Attributes:
@@ -26,10 +26,10 @@ class Person:
 
     Example:
         >>> import ergoqp
-        >>> from ergoqp.placing.group.people import Person
+        >>> from ergoqp.placing.group.people import GroupPerson
         >>> from ergoqp.simulation.people.alike import sample_person
         >>> problem = ergoqp.load_problem("screwing")
-        >>> anna = Person("Anna", sample_person(problem, seed=3))
+        >>> anna = GroupPerson("Anna", sample_person(problem, seed=3))
         >>> anna.label, round(anna.stature, 1)
         ('Anna', 1.8)
     """
@@ -43,7 +43,9 @@ class Person:
         return self.follower.response.body.stature
 
 
-def read_people(problem: Problem, people: Sequence[float | Alike | Person]) -> tuple[Person, ...]:
+def read_people(
+    problem: Problem, people: Sequence[float | Alike | GroupPerson]
+) -> tuple[GroupPerson, ...]:
     """Return the people of a group.
 
     A number is the stature [m] of a person with the weights and the comfort of the problem.
@@ -58,7 +60,7 @@ def read_people(problem: Problem, people: Sequence[float | Alike | Person]) -> t
     return _unique([_person(problem, person) for person in people])
 
 
-def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, ...]:
+def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[GroupPerson, ...]:
     """Return people drawn with the seeds `seed`, `seed` + 1 and so on.
 
     Each is drawn as in `ergoqp.simulation.people.alike.sample_person`.
@@ -71,21 +73,21 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, .
     check_whole("seed", seed, 0)
     followers = [(number, sample_person(problem, number)) for number in range(seed, seed + count)]
     return tuple(
-        Person(f"{person.response.body.stature:.2f} m, seed {number}", person)
+        GroupPerson(f"{person.response.body.stature:.2f} m, seed {number}", person)
         for number, person in followers
     )
 
 
-def _person(problem: Problem, person: float | Alike | Person) -> Person:
+def _person(problem: Problem, person: float | Alike | GroupPerson) -> GroupPerson:
     if isinstance(person, Alike):
-        person = Person(f"{person.response.body.stature:.2f} m", person)
-    if not isinstance(person, Person):
+        person = GroupPerson(f"{person.response.body.stature:.2f} m", person)
+    if not isinstance(person, GroupPerson):
         if isinstance(person, bool) or not isinstance(person, Real):
             raise InputError(
                 f"group: got a {type(person).__name__}, allowed statures in metres or simulated"
                 " people"
             )
-        return Person(
+        return GroupPerson(
             f"{float(person):.2f} m", Alike(person_of(variant(problem, stature=float(person))))
         )
     model, own = person_of(problem), person.follower.response
@@ -98,13 +100,13 @@ def _person(problem: Problem, person: float | Alike | Person) -> Person:
     return person
 
 
-def _unique(people: list[Person]) -> tuple[Person, ...]:
+def _unique(people: list[GroupPerson]) -> tuple[GroupPerson, ...]:
     """Add numbers to labels that occur more than once."""
     labels = [person.label for person in people]
     numbered = []
     for i, person in enumerate(people):
         same = labels[: i + 1].count(person.label)
         numbered.append(
-            person if same == 1 else Person(f"{person.label} ({same})", person.follower)
+            person if same == 1 else GroupPerson(f"{person.label} ({same})", person.follower)
         )
     return tuple(numbered)

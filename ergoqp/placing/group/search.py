@@ -20,7 +20,7 @@ import numpy as np
 
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.group.grid import SharedGrid
-from ergoqp.placing.group.people import Person
+from ergoqp.placing.group.people import GroupPerson
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.workspace import frame_of, turn_about
 
@@ -156,7 +156,11 @@ class PlaceSearch:
     """
 
     def __init__(
-        self, problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective
+        self,
+        problem: Problem,
+        people: Sequence[GroupPerson],
+        grid: SharedGrid,
+        objective: Objective,
     ) -> None:
         """Prepare the data that every placement needs."""
         self.problem, self.grid = problem, grid
