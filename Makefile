@@ -29,7 +29,9 @@ check: $(VENV)/.tests
 	$(BIN)/python -m benchmarks.house --check
 
 docs: $(VENV)/.tests
+	rm -rf out/site
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d out/doctrees docs out/site
+	$(BIN)/python -m benchmarks.site --check
 	@echo "The site is in $(abspath out/site)/index.html"
 
 bench: $(VENV)/.tests
