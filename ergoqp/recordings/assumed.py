@@ -68,8 +68,8 @@ def axes_to_ours(
         )
         if line is None:
             assumptions.append(
-                "Nobody is seen standing upright from the feet to the neck: if the camera is tilted"
-                " against that axis, the tilt is read as a lean of the trunk."
+                "Whether the camera is tilted against that axis is not checked, because legs and"
+                " trunk are not seen in line: a tilt would be read as a lean of the trunk."
             )
         return axes
     angle = math.degrees(math.acos(min(1.0, tilt[2, 2])))

@@ -136,7 +136,7 @@ def test_wrists_that_are_exchanged_are_not_scored_where_it_shows(work: Places) -
     work["left_wrist"], work["right_wrist"] = work["right_wrist"], work["left_wrist"]
     recording = fitted(work)
     assert recording.scored.mean() < 0.6
-    assert "right wrist far from the body's" in recording.not_scored
+    assert "right wrist off by more than 0.2 m" in recording.not_scored
 
 
 def test_a_point_that_jumps_is_not_scored(work: Places) -> None:
@@ -265,7 +265,7 @@ def test_no_wrong_posture_without_a_word(case: Case, work: Places) -> None:
 def test_a_body_that_is_nowhere_near_is_not_scored(work: Places) -> None:
     # Someone much smaller than who is stated.
     recording = fitted(work, person=2.2)
-    assert "body far from the recording" in recording.not_scored
+    assert "body off by more than 0.1 m" in recording.not_scored
 
 
 @pytest.mark.parametrize("size", [1e12, 1e30, -1e38])

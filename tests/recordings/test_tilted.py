@@ -11,7 +11,7 @@ from ergoqp.joints import INDEX
 from ergoqp.recordings import Recording
 
 TRUNK = INDEX["trunk_flexion"]
-UNSURE = "Nobody is seen standing upright from the feet to the neck"
+UNSURE = "Whether the camera is tilted against that axis is not checked"
 TURN = Rotation.from_rotvec(np.radians([9.0, 25.0, 0.0])).as_matrix()
 
 

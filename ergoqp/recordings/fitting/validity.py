@@ -148,11 +148,11 @@ def not_followed(
         stretched = closed(off > usual[name].leeway, time)
         causes[f"{name} of unusual length"] = stretched
         causes[f"{name} jumps"] = between_leaps(leaping[name], stretched, time) & ~stretched
-    causes["body far from the recording"] = error > _POOR
+    causes[f"body off by more than {_POOR:g} m"] = error > _POOR
     for centre in _CENTRES:
         if centre in places:
             apart = np.linalg.norm(places[centre] - fitted[centre], axis=1)
-            causes[f"{spoken(centre)} far from the body's"] = apart > _ASTRAY
+            causes[f"{spoken(centre)} off by more than {_ASTRAY:g} m"] = apart > _ASTRAY
     return causes
 
 
