@@ -139,7 +139,7 @@ Guide = Annotated[
     typer.Option(
         "--guide",
         metavar="best|FILE",
-        help="A place to be drawn to: looked for, or an optimum.json [none].",
+        help="A place for the object to go to: best (searched first) or an optimum.json [none].",
     ),
 ]
 

@@ -37,11 +37,11 @@ Examples:
   ergoqp run screwing                                at an awkward place, drawn with the seed
   ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
   ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
-  ergoqp run overhead --guide best                   drawn to the best place, past a worse one
-  ergoqp run screwing --seek --duration 60           tries places and keeps what measures best
-  ergoqp run screwing --follower looking             who keeps the eyes on the work
-  ergoqp run screwing --robot lag=0.1                with a robot that lags, undeclared
-  ergoqp run screwing --bias-deg right_knee_flexion=-4   with a knee that reads wrong
+  ergoqp run overhead --guide best                   with the best place as a guide
+  ergoqp run screwing --seek --duration 60           tries places, ends at the best one
+  ergoqp run screwing --follower looking             with a person who watches the work
+  ergoqp run screwing --robot lag=0.1                with an undeclared lag of the robot
+  ergoqp run screwing --bias-deg right_knee_flexion=-4   with a wrong knee angle
 """
 
 _ABOUT_SCORE = """Score every frame of a recording by REBA.
@@ -49,8 +49,8 @@ _ABOUT_SCORE = """Score every frame of a recording by REBA.
 Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints, ROS bags
 and folders of poses.
 
-Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. What
-joint angles cannot tell is given by options. Frames that show no posture are not scored, and named.
+Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. Load,
+grip and support are stated by options. Frames that show no posture are listed and not scored.
 
 \b
 Examples:
@@ -80,12 +80,10 @@ def _run(
     out: Annotated[Path | None, out_option("PROBLEM")] = None,
     seed: Annotated[
         int,
-        typer.Option(
-            "--seed", metavar="N", help="Of the person, the noise, and where the object starts."
-        ),
+        typer.Option("--seed", metavar="N", help="Seed of the person, the noise and the start."),
     ] = 0,
     duration: Annotated[
-        float, typer.Option("--duration", metavar="SECONDS", help="Of the closed loop.")
+        float, typer.Option("--duration", metavar="SECONDS", help="Duration of the run.")
     ] = 20.0,
     person: Person = None,
     unit_to_m: Unit = None,
@@ -102,8 +100,8 @@ def _run(
         bool,
         typer.Option(
             "--seek",
-            help="Try places (the model's best, the rule of thumb, those that this person's rests"
-            " promise) and keep what measures best; takes up to 60 s.",
+            help="Try several places and end at the one with the lowest measured score; takes up to"
+            " 60 s.",
         ),
     ] = False,
     robot: Annotated[
@@ -111,7 +109,7 @@ def _run(
         typer.Option(
             "--robot",
             metavar="NAME=VALUE,...",
-            help="What the simulated robot does, such as lag=0.1,gain=1.02 [declared].",
+            help="Errors of the simulated robot, such as lag=0.1,gain=1.02 [as declared].",
         ),
     ] = None,
     bias_deg: Annotated[
@@ -119,13 +117,13 @@ def _run(
         typer.Option(
             "--bias-deg",
             metavar="JOINT=DEG,...",
-            help="Angles that the sensors read wrong all the time [none].",
+            help="Constant errors of measured angles, such as right_knee_flexion=5 [none].",
         ),
     ] = None,
     as_seen: Annotated[
         bool,
         typer.Option(
-            "--as-seen", help="The controller sees only the joints that the recording tells."
+            "--as-seen", help="The controller sees only the joints that the recording determines."
         ),
     ] = False,
     follower: Annotated[
@@ -133,8 +131,8 @@ def _run(
         typer.Option(
             "--follower",
             metavar="KIND",
-            help="Who follows: alike (as the controller's model), follower, dead_zone, stubborn,"
-            " stepping, pushed, looking, trembling or mass.",
+            help="Kind of person: alike (like the controller's model), follower, dead_zone,"
+            " stubborn, stepping, pushed, looking, trembling or mass.",
         ),
     ] = "alike",
 ) -> None:
@@ -212,7 +210,7 @@ def _score(
         UpperArm,
         typer.Option(
             "--upper-arm",
-            help="Score its flexion, or its elevation, whichever way the joints got there.",
+            help="Score its flexion, or its elevation (its angle to the trunk).",
         ),
     ] = UpperArm.flexion,
     save_person: Annotated[
@@ -220,7 +218,7 @@ def _score(
         typer.Option(
             "--save-person",
             metavar="FILE",
-            help="Write the person as measured, with where their markers sit, for --person.",
+            help="Write a person file for --person: measured lengths and marker places.",
         ),
     ] = None,
     person: Person = None,

@@ -24,11 +24,10 @@ from ergoqp.cli.app import (
     out_option,
 )
 
-_ABOUT_OPTIMISE = """Find the best place of the object, offline, for a person who rests in comfort.
+_ABOUT_OPTIMISE = """Find the best place of the object for one person, offline.
 
-Prints a table, with what would be possible if the posture could be chosen too, and writes
-optimum.json and report.html. Finished starts are kept in the folder: a run that was killed goes on
-from them.
+Prints a table and writes optimum.json and report.html. The bound is what would be possible if the
+person also chose the posture. Finished starts are kept: the same command continues a killed run.
 
 \b
 Examples:
@@ -39,20 +38,20 @@ Examples:
 
 _ABOUT_GROUP = """Find the one fixed place of the object that is best for several people.
 
-Prints what everybody pays for it and what an adjustable place would save, and writes group.json,
-group.npz and report.html.
+Prints how much worse it is than everybody's own best place and what an adjustable place would
+save. Writes group.json, group.npz and report.html.
 
 \b
 Examples:
   ergoqp group desk --people 1.55,1.65,1.75,1.85      people of these statures
-  ergoqp group desk --people 12 --seed 3              twelve people drawn with seeds
+  ergoqp group desk --people 12 --seed 3              twelve random people
   ergoqp group overhead --people 1.6,1.9 --objective mean --hands both --load-kg 2
 """
 
 _ABOUT_POPULATION = """Find everybody's own best place, over statures, hands and loads.
 
-Prints a row for each and writes population.csv. Finished starts are kept in the folder: a study
-that was killed goes on from them.
+Prints a row for each person and writes population.csv. Finished starts are kept: the same command
+continues a killed study.
 
 \b
 Examples:
@@ -60,9 +59,9 @@ Examples:
   ergoqp population screwing --statures 1.5,1.7,1.9 --hands right,both --loads-kg 0.5,6
 """
 
-_Starts = Annotated[int, typer.Option("--starts", metavar="N", help="Places to begin at.")]
-_Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Processes to use.")]
-_Seed = Annotated[int, typer.Option("--seed", metavar="N", help="Of the starts.")]
+_Starts = Annotated[int, typer.Option("--starts", metavar="N", help="Number of starts.")]
+_Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Number of processes.")]
+_Seed = Annotated[int, typer.Option("--seed", metavar="N", help="Seed of the starts.")]
 _Mode = Annotated[
     str,
     typer.Option(
@@ -90,7 +89,7 @@ def _optimise(
     recording: Annotated[
         Path | None,
         typer.Option(
-            "--from", metavar="RECORDING", help="For the posture and the person of a recording."
+            "--from", metavar="RECORDING", help="Start with posture and person of a recording."
         ),
     ] = None,
     at: At = None,
@@ -144,7 +143,7 @@ def _group(
         typer.Option(
             "--people",
             metavar="M,...|N",
-            help="Of these statures in metres, or how many to draw.",
+            help="Statures in metres, or the number of people to draw.",
             show_default=False,
         ),
     ],
@@ -163,7 +162,7 @@ def _group(
     starts: _Starts = 4,
     jobs: _Jobs = 1,
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the first who is drawn.")
+        int, typer.Option("--seed", metavar="N", help="Seed of the first person that is drawn.")
     ] = 0,
     out: Annotated[Path | None, out_option("group-PROBLEM")] = None,
 ) -> None:
@@ -189,9 +188,7 @@ def _population(
     problem: ProblemName,
     statures: Annotated[
         str,
-        typer.Option(
-            "--statures", metavar="M,...", help="Of the people in metres.", show_default=False
-        ),
+        typer.Option("--statures", metavar="M,...", help="Statures in metres.", show_default=False),
     ],
     hands: Annotated[
         str | None,

@@ -24,10 +24,10 @@ Examples:
   ergoqp fit boundary --joints scored                for [limits.one_class_boundary]
 """
 
-_ABOUT_COMPARE = """Compare QP solvers on the QPs that a problem's own control steps solve.
+_ABOUT_COMPARE = """Compare QP solvers on the QPs of a problem's control steps.
 
-Records closed loops, derives harder QPs, judges every answer apart, prints tables, and writes
-compare.json, compare.png and the QPs as a test set for qpbenchmark.
+Records closed loops, derives harder QPs and checks every answer independently. Prints tables and
+writes compare.json, compare.png and the QPs as a test set for qpbenchmark.
 
 \b
 Examples:
@@ -83,9 +83,11 @@ def _fit(
             "--per-score", metavar="N", help="Postures of each score, where data are drawn."
         ),
     ] = 1000,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of data, folds and fit.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Seed of data, folds and fit.")
+    ] = 0,
     folds: Annotated[
-        int, typer.Option("--folds", metavar="N", help="Of the cross-validation.")
+        int, typer.Option("--folds", metavar="N", help="Folds of the cross-validation.")
     ] = 5,
     settings: Annotated[
         list[str] | None,
@@ -106,7 +108,7 @@ def _fit(
 
 
 @app.command(
-    "compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on a problem's own QPs."
+    "compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on the QPs of a problem."
 )
 def _compare(
     problem: AnyProblem,
@@ -117,9 +119,9 @@ def _compare(
     steps: Annotated[
         int, typer.Option("--steps", metavar="N", help="Control steps to record.")
     ] = 300,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the closed loops.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of the closed loops.")] = 0,
     accuracy: Annotated[
-        float, typer.Option("--accuracy", metavar="A", help="That the solvers are set to.")
+        float, typer.Option("--accuracy", metavar="A", help="Accuracy that the solvers are set to.")
     ] = 1e-6,
     out: Annotated[Path | None, out_option("compare-PROBLEM")] = None,
 ) -> None:

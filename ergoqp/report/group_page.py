@@ -38,11 +38,11 @@ _AXES = {
     "tilt": "the tilt",
 }
 _HIGHEST = (
-    "The worst-off person with the object elsewhere, moved from the group's place (the dot) along"
-    " two axes and turned as there; grey where somebody cannot reach. Rest on a cell to read it,"
-    " and who that is."
+    "The highest score in the group if the object is moved along two axes from the group's place"
+    " (the dot) and not turned. Grey: somebody cannot reach it. Point at a cell to read the score"
+    " and whose it is."
 )
-_MEAN = "The mean of the group at the same places, in the colour of the rounded score."
+_MEAN = "The mean score of the group at the same places. The colour is that of the rounded score."
 _MOST_NAMES = 3
 
 
@@ -85,8 +85,8 @@ def write_group_page(
         figures=[
             Picture.of(
                 lambda width: _row(found, width),
-                "Everybody at the group's place, in one scale; the dashed line is the object's"
-                " height.",
+                "Everybody at the group's place, drawn to one scale. The dashed line is the height"
+                " of the object.",
             )
         ],
         sections=[
@@ -111,7 +111,7 @@ def _facts(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
         ("place of the object", place_words(found.pose)),
         ("tilt from the middle", tilt_words(problem, found.pose)),
         ("worse than at their own best", f"{len(paying)} of {len(found.members)} people"),
-        ("points that the group pays", f"{sum(member.pays for member in found.members)}"),
+        ("points above everybody's own best", f"{sum(member.pays for member in found.members)}"),
         ("everybody reaches", f"{100 * found.grid.reached_by_all.mean():.0f} % of the grid"),
         (
             "best place of the grid",
@@ -145,8 +145,8 @@ def _people(found: GroupOptimum) -> Section:
     head = ("person", "REBA", "risk", "alone", "pays", "reaches, %", "own best place")
     return Section(
         "People",
-        "Alone: the score at the best place that was found for this person only. Pays: the points"
-        " that the shared place costs. Reaches: the share of the grid's places.",
+        "Alone: score at the best place for this person only. Pays: additional points at the shared"
+        " place. Reaches: share of the grid's places that the person reaches.",
         tables=[PageTable(head, rows, marked=paying, numeric=(1, 3, 4, 5))],
     )
 
@@ -157,9 +157,8 @@ def _adjustable(found: GroupOptimum) -> Section:
     ]
     return Section(
         "What could be made adjustable",
-        "The scores if everybody could set one thing for themselves and the rest stayed fixed: the"
-        " better of moving from the group's place and of the grid of"
-        f" {100 * found.spacing:.0f} cm.",
+        "Scores if everybody could adjust one thing and the rest stayed fixed: the better one of a"
+        f" search from the group's place and of the grid of {100 * found.spacing:.0f} cm.",
         tables=[PageTable(("to be set", "highest", "mean"), rows, numeric=(1, 2))],
     )
 

@@ -162,9 +162,9 @@ def _map(optimum: Optimum, problem: Problem, follower: Alike, jobs: int) -> Sect
         for each in slices
     ]
     intro = (
-        "The exact score at which the person comes to rest with the object elsewhere, moved from"
-        " the best place along two axes and turned as there. The place before is drawn where it"
-        " falls on the map; the score there is that of the map's plane. Rest on a cell to read it."
+        "Exact score of the person at rest if the object is moved along two axes from the best"
+        " place and not turned. The place before is projected onto the map, so its own score may"
+        " differ from the map's. Point at a cell to read it."
     )
     return Section("Map", intro, pictures, columns=True, chips=COLOURS)
 
@@ -198,9 +198,8 @@ def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
     ]
     return Section(
         "At rest, and with the posture chosen",
-        "What the person does by themselves at the best place, beside what would be possible if"
-        " they also chose their posture for the score: an optimistic bound, which no person has to"
-        " follow.",
+        "The posture that the person takes at the best place, and the best posture that would be"
+        " possible: an optimistic bound, because people do not choose their posture by its score.",
         tables=[
             PageTable(("posture", "REBA", "smooth cost, points", "place"), rows, numeric=(1, 2))
         ],
@@ -236,9 +235,9 @@ def _starts(found: Sequence[Optimum]) -> Section:
     )
     return Section(
         "Starts",
-        "Every start ends with the exact score of the posture at which the person comes to rest;"
-        " apart is how far that is from the posture that the program reckoned with. The largest"
-        f" KKT residual, without unit, is {residuals}.",
+        "REBA: exact score of the person at rest where the start ended. Apart: largest difference"
+        " between that posture and the one in the nonlinear program. Largest KKT residual:"
+        f" {residuals} (dimensionless).",
         tables=[PageTable(head, rows, marked=best, numeric=(0, 1, 2, 3, 4, 5))] if rows else [],
         folded=True,
     )

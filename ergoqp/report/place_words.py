@@ -24,7 +24,7 @@ def change_of(before: int, after: int) -> str:
     """Return the difference of two scores in words."""
     points = abs(after - before)
     if not points:
-        return "The score is what it was."
+        return "The score does not change."
     return f"{points} point{'s' if points > 1 else ''} {'better' if after < before else 'worse'}."
 
 

@@ -168,7 +168,7 @@ def hint_of(said: Sequence[str]) -> str:
     """Return what can be done about the result of `told_of`; empty if nothing is known."""
     if not any(sentence.startswith("robot:") for sentence in said):
         return ""
-    return "how late or how exact a robot is can be declared under [robot] in the problem file"
+    return "delays and errors of a robot can be declared under [robot] in the problem file"
 
 
 def told_of(run: Run, most: int = 3) -> list[str]:

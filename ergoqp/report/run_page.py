@@ -92,11 +92,11 @@ def _tries(run: Run) -> list[Section]:
     return [
         Section(
             "Places tried",
-            intro="Each is gone to, and the person's mean posture over a second at rest there is"
-            " scored. The object ends where the lowest score was measured.",
+            intro="The object goes to each place, and the person's mean posture over one second at"
+            " rest is scored there. The object ends at the place with the lowest measured score.",
             tables=[
                 PageTable(
-                    ("place", "when", "measured score", "what came of it"),
+                    ("place", "when", "measured score", "result"),
                     rows,
                     numeric=(2,),
                     marked=tuple(i for i, each in enumerate(run.tries) if each.score == lowest),
@@ -112,7 +112,7 @@ def _notes(run: Run, facts: RunFacts) -> list[str]:
     if said := told_of(run):
         hint = hint_of(said)
         notes.append(
-            "Said on the way:"
+            "Messages during the run:"
             f" {'; '.join(said)}.{f' {hint[:1].upper()}{hint[1:]}.' if hint else ''}"
         )
     return notes

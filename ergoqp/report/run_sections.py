@@ -38,7 +38,7 @@ def over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
         pictures=[
             Picture.of(
                 lambda width: score_chart(run.time, run.reba, run.cost, marks, width=width),
-                "Exact score of the true posture on its risk levels.",
+                "Exact score of the true posture over time, with the risk levels.",
             ),
             Picture.of(
                 lambda width: segments_strips(run.time, scores.segments, width=width),
@@ -85,9 +85,9 @@ def motion(run: Run) -> Section:
     apart = np.linalg.norm(run.poses[-1, :3, 3] - run.poses[0, :3, 3])
     return Section(
         "Object",
-        "Twist that was sent, at the contact frame along the axes of the world: x forward, y left,"
-        f" z up. The object went {100 * way:.1f} cm and ended {100 * apart:.1f} cm from where it"
-        " began.",
+        "Sent twist at the contact frame, along the axes of the world (x forward, y left, z up)."
+        f" The path of the object is {100 * way:.1f} cm long and ends {100 * apart:.1f} cm from its"
+        " start.",
         pictures=[
             _velocity(run, "Linear", linear, "mm/s"),
             _velocity(run, "Angular", angular, "deg/s"),

@@ -148,7 +148,7 @@ def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, 
         ""
         if not missing
         else (
-            "Not told by the recording, taken as zero:"
+            "Not determined by the recording and set to zero:"
             f" {', '.join(spoken(JOINTS[j]) for j in missing)}."
         )
     )
@@ -160,7 +160,7 @@ def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, 
                 lambda width: score_chart(
                     recording.time, assessment.final, marks=marks, width=width
                 ),
-                "Score on its risk levels.",
+                "Score over time, with the risk levels.",
             ),
             Picture.of(
                 lambda width: shares_chart(

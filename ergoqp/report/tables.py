@@ -65,7 +65,7 @@ def run_table(run: Run) -> RenderableType:
     ]
     rows.append(("limits broken", "; ".join(broken) or "none"))
     if said := told_of(run):
-        rows.append(("said on the way", "; ".join(said)))
+        rows.append(("messages", "; ".join(said)))
     if hint := hint_of(said):
         rows.append(("", hint))
     outside = [f"{joint} {count} samples" for joint, count in run.person_outside.items() if count]

@@ -205,7 +205,7 @@ def test_a_long_row_is_broken():
 def test_words():
     assert change_of(7, 3) == "4 points better."
     assert change_of(2, 3) == "1 point worse."
-    assert change_of(2, 2) == "The score is what it was."
+    assert change_of(2, 2) == "The score does not change."
     pose = np.eye(4)
     pose[:3, 3] = (-0.001, -0.25, 1.0)
     assert place_words(pose).replace("\u00a0", " ") == "x 0.00, y −0.25, z 1.00 m"

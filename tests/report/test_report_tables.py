@@ -148,19 +148,18 @@ def test_what_the_robot_did_stands_on_table_and_page_with_what_can_be_done(run, 
     reasons = ["robot: late by 80 ms", *["robot: late by 81 ms"] * (steps - 2), ""]
     late = replace(run, reasons=reasons)
     sentence = f"robot: late by 81 ms ({(steps - 1) * run.dt:.1f} s)"
-    hint = "ow late or how exact a robot is can be declared under [robot] in the problem file"
+    hint = "elays and errors of a robot can be declared under [robot] in the problem file"
     text = " ".join(printed(run_table(late)).split())
     assert sentence in text
-    assert f"h{hint}" in text
+    assert f"d{hint}" in text
     write_run_page(late, tmp_path / "late.html")
-    assert f"<p>Said on the way: {sentence}. H{hint}.</p>" in (tmp_path / "late.html").read_text(
-        encoding="utf-8"
-    )
+    page = (tmp_path / "late.html").read_text(encoding="utf-8")
+    assert f"<p>Messages during the run: {sentence}. D{hint}.</p>" in page
     bent = replace(
         run,
         reasons=["left knee flexion by 4.0 deg, measured beyond its end, where it is held"] * steps,
     )
     write_run_page(bent, tmp_path / "bent.html")
     page = (tmp_path / "bent.html").read_text(encoding="utf-8")
-    assert "<p>Said on the way: left knee flexion by 4.0 deg" in page
+    assert "<p>Messages during the run: left knee flexion by 4.0 deg" in page
     assert hint not in page

@@ -228,8 +228,8 @@ def _from_recording(
     scores = problem.assess(taken).final
     if not (how.as_seen or recording.observed[frame].all()):
         notes.append(
-            "The controller is taken to see every joint, those too that the recording does not"
-            " tell; without them: --as-seen."
+            "The controller is assumed to see every joint, also those that the recording does not"
+            " determine (without them: --as-seen)."
         )
     notes = [
         *recording.assumptions,
@@ -244,7 +244,7 @@ def _from_recording(
             if recording.object_poses is None
             else "The recording's object is not the problem's"
         )
-        + ": it is taken to be in the hand as the problem says, wherever the hand is.",
+        + ": it is assumed to be in the hand as the problem states.",
     ]
     with working(f"closed loop, {duration:g} s") as done:
         return simulate(
