@@ -210,11 +210,11 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
 
 def _assumptions(response: IkResponse, mode: str) -> list[str]:
     chooses = (
-        "The person comes to rest by their own comfort, wherever the object is."
+        "The person comes to rest by their own comfort at every place of the object."
         if mode == "stackelberg"
         else (
-            "The posture is chosen together with the place, which no person has to follow: an"
-            " optimistic bound."
+            "The posture is chosen together with the place: an optimistic bound, because people do"
+            " not choose their posture by its score."
         )
     )
     return [

@@ -41,30 +41,30 @@ def about_person(
             f" {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the frames lost) that the"
             " controller does not know."
         ),
-        f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
+        f"The controller assumes a nominal person of {model.body.stature:.2f} m.",
         (
-            "The hand holds the object at the start as the posture has it, and keeps hold of it;"
-            f" {person.footing}."
+            "The hand holds the object where it is in the posture at the start, and does not let"
+            f" go; {person.footing}."
         ),
     ]
     if place is not None:
         x, y, z = place.pose[:3, 3]
         sentences.append(
-            f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there"
-            " where descent alone comes to rest at a worse one."
+            f"The guide is the place ({x:.2f}, {y:.2f}, {z:.2f}) m: the object goes there if"
+            " descent alone comes to rest at a worse place."
         )
     if len(senses.bias_deg) > _MANY:
         most = max(map(abs, senses.bias_deg.values()))
         sentences.append(
-            f"The sensors read {len(senses.bias_deg)} angles wrong all the time, by up to"
-            f" {most:.1f} deg, and the controller does not know."
+            f"The sensors have constant errors of up to {most:.1f} deg in {len(senses.bias_deg)}"
+            " angles, which the controller does not know."
         )
     elif senses.bias_deg:
         wrong = ", ".join(
             f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items()
         )
         sentences.append(
-            f"The sensors read wrong all the time, and the controller does not know: {wrong}."
+            f"The sensors have constant errors that the controller does not know: {wrong}."
         )
     if unobserved:
         sentences.append(
@@ -85,16 +85,15 @@ def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> li
     declared = _told(problem.robot)
     does = _told(robot) if robot is not None else ""
     own = (
-        "holds the object by a spring and a damper, so it is late, and what the person pulls and"
-        " pushes moves the object"
+        "holds the object with a spring and a damper, so it lags, and the person's forces move the"
+        " object"
     )
     return [
         (
-            f"The controller is told of the robot: {declared}."
+            f"The declared robot: {declared}."
             if declared
             else (
-                "The controller is told nothing of the robot: it reckons with one that does at once"
-                " what it is sent."
+                "No robot is declared: the controller assumes one that follows every twist at once."
             )
         ),
         "The simulated robot "
@@ -103,7 +102,7 @@ def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> li
             if person.robot is not None
             else "does exactly that."
             if robot is None and not declared
-            else "is as bad as that."
+            else "has errors up to that size."
             if robot is None
             else f"has {does}."
         ),

@@ -78,7 +78,7 @@ def as_recorded(
         + (", and both soles are set on the floor." if above is None else ", and so is its seat.")
     ]
     if stance != response.stance:
-        notes.append(f"The person is {stance} in the recording, and so here.")
+        notes.append(f"The person is {stance}, as in the recording.")
     person = replace(response, body=recording.person, stance=stance, seat_height=above)
     pose = np.array(person.contact()(posture)[0])
     limits = []
@@ -88,10 +88,10 @@ def as_recorded(
             upper = np.maximum(limit.upper, pose[:3, 3] + _ROOM)
             wider = replace(limit, lower=tuple(lower.tolist()), upper=tuple(upper.tolist()))
             if wider != limit:
-                notes.append("The workspace is widened to where the hand is in the recording.")
+                notes.append("The workspace is extended to the place of the hand in the recording.")
             limits.append(wider)
         elif isinstance(limit, AxisCone) and not _inside(limit, pose[:3, 0]):
-            notes.append("The tool's axis is to keep near to how it is held in the recording.")
+            notes.append("The cone of the tool axis is centred on the direction in the recording.")
             limits.append(replace(limit, direction=tuple(pose[:3, 0].tolist())))
         else:
             limits.append(limit)

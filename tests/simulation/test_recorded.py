@@ -39,7 +39,7 @@ def test_who_sits_sits() -> None:
     problem, _, notes = as_recorded(ergoqp.load_problem("screwing"), seated, 0)
     assert problem.response.stance == "seated"
     assert problem.response.seat == height
-    assert any("seated in the recording" in note for note in notes)
+    assert any("seated, as in the recording" in note for note in notes)
     assert problem.task["seated"] is True
     with pytest.raises(InputError, match="learned cost knows only that"):
         as_recorded(ergoqp.load_problem("screwing_learned"), seated, 0)

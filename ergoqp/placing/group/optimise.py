@@ -263,17 +263,16 @@ def _assumptions(problem: Problem) -> tuple[str, ...]:
     where = "stands on the same spot"
     if model.stance == "seated":
         seat = (
-            "on a seat set to each"
+            "on a seat that is fitted to each of them"
             if model.seat_height is None
             else f"on a seat of {model.seat_height:.2f} m"
         )
         where = f"sits on the same spot, {seat}"
     return (
-        f"Everybody {where}, facing the same way; the axes are those of the problem, from there.",
+        f"Everybody {where}, facing the same way. This spot is the origin of the world.",
         (
-            "Everybody holds the object as the problem says, in its comfort posture, and comes to"
-            " rest where contact, ranges and comfort leave them; the joint weights are the"
-            " problem's for people given by stature."
+            "Everybody holds the object as stated in the problem and comes to rest by contact,"
+            " joint ranges and comfort. People given by stature have the problem's joint weights."
         ),
         (
             "The object is level: it is tilted about its y and z, and not turned about the tool's"
