@@ -34,9 +34,9 @@ with sync_playwright() as playwright:
         full_page=True,
         clip={
             "x": min(first["x"], last["x"]) - MARGIN,
-            "y": first["y"] - MARGIN,
+            "y": first["y"],
             "width": max(first["width"], last["width"]) + 2 * MARGIN,
-            "height": last["y"] + last["height"] - first["y"] + MARGIN,
+            "height": last["y"] + last["height"] - first["y"],
         },
     )
     browser.close()

@@ -1,4 +1,4 @@
-"""Draw the picture of person, robot and object anew, at the begin and the end of a loop.
+"""Draw the picture of person, robot and object anew, at the beginning and the end of a loop.
 
 Run ``python docs/whole_body_picture.py``.
 

@@ -17,9 +17,10 @@ MARGIN = 12
 
 # The row of people, and the maps of the highest score; nothing else.
 ONLY = """
-for (const section of document.querySelectorAll("section"))
+for (const section of document.querySelectorAll("section")) {
   const title = section.querySelector("h2").textContent;
   if (!["Postures", "Map of the highest score"].includes(title)) section.remove();
+}
 document.querySelectorAll("header, footer, h2, .intro, section:first-of-type .legend, "
   + "section:first-of-type figcaption")
   .forEach(each => each.remove());
