@@ -15,8 +15,8 @@ Run ``python -m benchmarks.site [--quick | --full] [--json FILE]`` after ``make 
 - ``blocks``: code blocks of the site and of README that ``tests/docs/test_pages.py`` runs or reads;
   ``blocks.shown``: the others, in languages that it cannot run.
 - ``axe.serious``: serious and critical findings of axe-core in headless Chromium, 1400 and 420
-  pixels wide, light and dark; ``axe.pages``: how many pages these are: with ``--full`` all of them,
-  else every guide and some pages of the reference. ``axe.reports.serious``, ``axe.reports``: the
+  pixels wide, light and dark; ``axe.pages``: how many pages these are: with ``--full`` all but
+  listings, of which every twentieth; else a few. ``axe.reports.serious``, ``axe.reports``: the
   same of the pages that the commands write, see `benchmarks.site_reports`.
 """
 
@@ -197,10 +197,10 @@ def measure(report: Report) -> None:
     blocks = languages()
     report.figure("blocks", sum(each in TESTED for each in blocks))
     report.figure("blocks.shown", sum(each not in TESTED for each in blocks))
-    pages = [page for page in read_site(SITE) if not listing(page)]
-    if not report.full:
-        guides = [page for page in pages if page.parent == SITE]
-        pages = guides + [page for page in pages if page.parent != SITE][::12]
+    pages = list(read_site(SITE))
+    listings = [page for page in pages if listing(page)]
+    pages = [page for page in pages if not listing(page)][:: report.pick(24, 1)]
+    pages += listings[:: report.pick(len(listings), 20)]
     report.figure("axe.serious", serious_of(pages, report.say))
     report.figure("axe.pages", len(pages))
     with write_reports(report.full) as reports:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, sync_playwright
 
 WIDTHS: Final = (1400, 420)
 """Of the window: a desk's and a telephone's [pixels]."""
-SCHEMES: Final = ("light", "dark")
+SCHEMES: Final[tuple[Literal["light", "dark"], ...]] = ("light", "dark")
 SERIOUS: Final = ("serious", "critical")
 ARGUMENTS: Final = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+OPTIONS: Final = {"resultTypes": ["violations"]}
 PATIENCE: Final = 120_000
 """With a replay that software draws [ms]."""
 
@@ -36,11 +37,10 @@ def serious_of(pages: Sequence[Path], say: Callable[[str], None]) -> int:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
         found = [
-            f"{page.parent.name}/{page.name}, {width} pixels, {scheme}: {each}"
+            each
             for page in pages
-            for width in WIDTHS
             for scheme in SCHEMES
-            for each in _findings(browser, page, width, scheme)
+            for each in _findings(browser, page, scheme)
         ]
         browser.close()
     for each in found:
@@ -48,22 +48,22 @@ def serious_of(pages: Sequence[Path], say: Callable[[str], None]) -> int:
     return len(found)
 
 
-def _findings(browser: Browser, path: Path, width: int, scheme: str) -> list[str]:
-    size = {"width": width, "height": 900}
-    context = browser.new_context(viewport=size, color_scheme=scheme)  # type: ignore[arg-type]
-    page = context.new_page()
+def _findings(browser: Browser, path: Path, scheme: Literal["light", "dark"]) -> Iterator[str]:
+    page = browser.new_page(color_scheme=scheme)
     page.goto(path.as_uri(), wait_until="load", timeout=PATIENCE)
     if page.query_selector("iframe"):
         slider = page.frame_locator("iframe").locator("[role=slider]").first
         slider.wait_for(state="attached", timeout=PATIENCE)
     page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
-    # axe does not look into the replay by itself.
-    found = [
-        f"{rule['id']}: {node['target']}"
-        for frame in page.frames
-        for rule in Axe().run(frame).response["violations"]  # type: ignore[arg-type]
-        if rule["impact"] in SERIOUS
-        for node in rule["nodes"]
-    ]
-    context.close()
-    return found
+    for width in WIDTHS:
+        page.set_viewport_size({"width": width, "height": 900})
+        # axe does not look into the replay by itself.
+        for frame in page.frames:
+            answer = Axe().run(frame, options=OPTIONS).response  # type: ignore[arg-type]
+            for rule in answer["violations"]:
+                if rule["impact"] in SERIOUS:
+                    where = f"{path.parent.name}/{path.name}, {width} pixels, {scheme}"
+                    yield from (
+                        f"{where}: {rule['id']}: {node['target']}" for node in rule["nodes"]
+                    )
+    page.close()
