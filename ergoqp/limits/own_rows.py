@@ -18,6 +18,7 @@ from ergoqp.limits.arm_length import ArmLength
 from ergoqp.limits.joints import JointLimit
 from ergoqp.limits.limit import Limit, Situation, Surface
 from ergoqp.limits.one_class_boundary import OneClassBoundary
+from ergoqp.limits.own_rates import OwnRates
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
 _ROUNDING = 1e-6
@@ -106,10 +107,10 @@ class OwnLimits:
         return ""
 
     def judge(self) -> None:
-        """Check that every limit returns one row and one margin for each name.
+        """Check rows and margins of every limit: one of each for each name, and consistent.
 
         Raises:
-            ProblemError: if one does not, with the error that it raised.
+            ProblemError: if they are not, with the error that the limit raised.
         """
         for limit in self.limits:
             first = limit.names[0]
@@ -127,6 +128,7 @@ class OwnLimits:
                     f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed"
                     f" {allowed}"
                 )
+            OwnRates(limit, self._place()).judge()
 
     def _margins_of(self, limit: Limit) -> int:
         place, measure = self._place(), limit.measure()

@@ -1,0 +1,155 @@
+"""Limits of users whose rows contradict themselves are refused when the problem is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import ergoqp
+from benchmarks.boundary import FirstOrder, Outward, draw_case
+from ergoqp.errors import ProblemError
+from ergoqp.joints import INDEX
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Rows, Situation
+from ergoqp.limits.limit import straight_margins
+from ergoqp.responses import LinearResponse
+
+
+@dataclass(frozen=True)
+class Own:
+    """The members that all limits below share."""
+
+    sign: float = 1.0
+    counts: bool = True
+    tolerance: float = 1e-6
+    recovery_time: float = 2.0
+    names: Any = ("own",)
+    unit = "m"
+    hard: bool = True
+    returns = (True,)
+    yield_zone: float = 0.0
+    proven: bool = False
+
+    def measure(self) -> ca.Function | None:
+        return None
+
+    def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
+        free = ca.DM([ca.inf])
+        rows = Rows(self.sign * matrix, free, above, free, ca.DM.zeros(1))
+        return situation.counted(self.names[0], rows) if self.counts else rows
+
+    def margins(self, situation: Situation, displacement: Any) -> Any:
+        return straight_margins(self.rows(situation), displacement)
+
+
+class Ceiling(Own):
+    """The contact point stays below a height."""
+
+    def rows(self, situation: Situation) -> Rows:
+        matrix = ca.DM([[0, 0, 1, 0, 0, 0]])
+        return self.told(situation, matrix, 1.3 - situation.pose[2, 3])
+
+
+class Tool(Own):
+    """The tool's axis does not point up too far; its slope changes as the object turns."""
+
+    def rows(self, situation: Situation) -> Rows:
+        axis = situation.pose[:3, 0]
+        # d(axis)/dt = w x axis, of which the third entry grows.
+        matrix = ca.horzcat(ca.SX(1, 3), -axis[1] * -1, -axis[0], 0)
+        return self.told(situation, matrix, 0.5 - axis[2])
+
+
+class InBall(Own):
+    """The contact point stays in a ball, by its tangent alone: the ball bends away from it."""
+
+    def rows(self, situation: Situation) -> Rows:
+        from_centre = situation.pose[:3, 3] - ca.DM([0.5, 0, 1])
+        distance = ca.norm_2(from_centre)
+        matrix = ca.horzcat((from_centre / distance).T, ca.SX(1, 3))
+        return self.told(situation, matrix, 0.4 - distance)
+
+
+class Wrist(Own):
+    """The right wrist stays below an angle, with or without what is still to come."""
+
+    def rows(self, situation: Situation) -> Rows:
+        wrist = INDEX["right_wrist_flexion"]
+        angle = situation.posture[wrist]
+        if self.counts:
+            angle += situation.shift[wrist]
+        free = ca.DM([ca.inf])
+        matrix = situation.sensitivity[wrist, :]
+        return Rows(self.sign * matrix, free, 0.3 - angle, free, ca.DM.zeros(1))
+
+
+def with_limit(limit: Any) -> ergoqp.Problem:
+    problem = ergoqp.load_problem("screwing")
+    return problem.replace(limits=[*problem.limits, limit])
+
+
+@pytest.mark.parametrize("limit", [Ceiling(), Wrist(hard=False)])
+def test_a_limit_that_agrees_with_itself_is_taken(limit: Own) -> None:
+    assert "own" in with_limit(limit).row_names
+
+
+@pytest.mark.parametrize(
+    "region",
+    [Ball((0.1, 0.0, 1.6), 0.2), Box((0.0, 0.0, 0.0), (1.0, 1.0, 0.3)), HalfSpace((1, 2, 3), -1.0)],
+)
+def test_regions_of_the_package_are_taken(region: Any) -> None:
+    assert "away" in with_limit(KeepOut(region, name="away")).row_names
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (Ceiling(sign=-1.0), "a matrix that is not the derivative"),
+        (Ceiling(sign=1.1), "a matrix that is not the derivative"),
+        (Ceiling(counts=False), "distances that do not become smaller by situation.lost"),
+        (Wrist(sign=-1.0, hard=False), "a matrix that is not the derivative"),
+        (Wrist(counts=False, hard=False), "distances without situation.shift"),
+        (Tool(), "margins above those that the object has after the displacement"),
+        (InBall(), "margins above those that the object has after the displacement"),
+    ],
+)
+def test_one_that_contradicts_itself_is_refused(limit: Own, words: str) -> None:
+    with pytest.raises(ProblemError, match=f"^limits: rows of own: got {words}"):
+        with_limit(limit)
+
+
+def test_the_name_of_the_counted_rows_is_the_limit_s() -> None:
+    class Misnamed(Ceiling):
+        def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
+            free = ca.DM([ca.inf])
+            rows = Rows(matrix, free, above, free, ca.DM.zeros(1))
+            return situation.counted("another", rows)
+
+    with pytest.raises(ProblemError, match=r"situation.counted\('own', rows\)"):
+        with_limit(Misnamed())
+
+
+def test_margins_at_rest_are_at_most_the_distances() -> None:
+    class Generous(Ceiling):
+        def margins(self, situation: Situation, displacement: Any) -> Any:
+            return super().margins(situation, displacement) + 0.01
+
+    with pytest.raises(ProblemError, match="margins above the distances at rest"):
+        with_limit(Generous())
+
+
+def test_a_boundary_that_believes_its_slope_is_refused() -> None:
+    case = draw_case(6, np.random.default_rng(4))
+    response = LinearResponse(case.model.coordinates.names, largest=100.0)
+    with pytest.raises(ProblemError, match="margins above those that the object has"):
+        ergoqp.Problem(
+            cost=Outward(case.model),
+            response=response,
+            limits=[
+                ergoqp.load_problem("forearm").twist_limit,
+                FirstOrder(case.model, hard=True, name="edge"),
+            ],
+        )
