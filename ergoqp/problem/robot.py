@@ -41,7 +41,7 @@ class DeclaredRobot:
         pose_noise: largest error of a measured position, per axis [m].
         pose_noise_deg: largest error of a measured orientation, about each axis [deg].
         longest_hold: how long the robot may go on with a twist because the next call is late [s].
-            This may happen once between two moments at which nothing is under way. It needs a
+            This may happen once per movement, until the object has stood still. It needs a
             measured pose.
 
     Raises:

@@ -266,8 +266,9 @@ class Stepper:
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
         """Return the next braking twist without new data.
 
-        The watchdog of the robot calls it when no step came in time. The twist follows the stop
-        that the last step was certified for. The state of the loop moves along, so a later step
+        The loop calls it if data did not come in time. The twist follows the stop that the last
+        step was certified for. While the sent twist is a mean, it may still grow for up to
+        `Control.average` before it falls. The state of the loop moves along, so a later step
         continues from there. It never raises.
 
         Args:
@@ -284,6 +285,20 @@ class Stepper:
             if not self._brake(period, 0.0).twist.any():
                 break
         return self._brake(self.dt if dt is None else number(dt))
+
+    def stop(self) -> np.ndarray:
+        """Return the twists of the certified stop from here (k, 6) [m/s, rad/s].
+
+        There is one twist per period, as `brake` would return them, and the last one is zero. The
+        state of the loop does not change. A robot that is to stop by itself when the loop hangs
+        gets these twists in advance.
+        """
+        state, log, self._log = self._state_in.copy(), self._log, None
+        twists = [self._brake(self.dt, 0.0).twist]
+        while twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt:
+            twists.append(self._brake(self.dt, 0.0).twist)
+        self._state_in[:], self._log = state, log
+        return np.array(twists)
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
