@@ -199,9 +199,9 @@ class Limit(Protocol):
         tolerance: distance outside that still counts as on the limit, for sensor noise, in `unit`.
         recovery_time: time constant of the return from outside [s]. The speed back is
             distance / recovery_time.
-        yield_zone: distance to the end at which a joint of the response is locked instead of the
-            object being stopped. 0: the quantity is never locked. A limit with a yield zone must
-            be `linear`.
+        yield_zone: distance to the end from which on a joint of the response is held, so that the
+            object can move on. 0: the quantity is never held. A limit with a yield zone must be
+            `linear`.
         proven: whether `margins` returns a lower bound instead of the margin itself. A hard limit
             of this kind is never required to be worse than its own bound.
         linear: whether `rows` and `margins` accept matrices (`casadi.MX`) as well as scalars. The

@@ -131,8 +131,8 @@ class Stepper:
 
         Args:
             twist: twist (6,) with which the object moves already [m/s, rad/s]. It is for taking
-                over a moving robot, once. It is clipped to the speed limits, and nothing brakes the
-                part that is clipped off. None: the object stands still.
+                over a moving robot, once. It is clipped to the speed limits; the robot itself must
+                brake the rest of a faster motion. None: the object stands still.
 
         Raises:
             InputError: if `twist` is not six finite numbers.
