@@ -170,6 +170,20 @@ def test_it_takes_over_a_moving_object_as_python_does(exported):
     np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)
 
 
+def test_a_copy_shows_the_stop_in_advance(exported):
+    problem, folder, library = exported
+    wrapper, stepper, posture = load_wrapper(folder), Stepper(problem), away_from_rest(problem)
+    other, copy = wrapper.Stepper(str(library)), wrapper.Stepper(str(library))
+    for _ in range(10):
+        stepper.step(posture)
+        other.step(posture)
+    ctypes.memmove(copy._memory, other._memory, len(other._memory))
+    ahead = stepper.stop()
+    told = np.array([copy.brake().twist[:] for _ in ahead])
+    np.testing.assert_allclose(told, ahead, atol=1e-12, rtol=0)
+    np.testing.assert_allclose(other.brake().twist[:], ahead[0], atol=1e-12, rtol=0)
+
+
 def test_it_brakes_without_data_as_python_does(exported):
     problem, folder, library = exported
     stepper, other, posture = (
