@@ -33,6 +33,7 @@ from ergoqp.learning.features import Columns, Steps, features_from
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import dense, sklearn
 from ergoqp.learning.relevance import relevance
+from ergoqp.progress import Progress, part_of, unseen
 
 Choice = Literal["auto", "steps", "plain"]
 """Inputs of the kernels: soft steps, the plain inputs, or whichever makes the data more likely."""
@@ -41,6 +42,8 @@ _LEAST_NUMBER: Final = 1e-9
 _LARGEST_NUMBER: Final = 1e9
 """Range of penalties and scales with which the solver of the fit works."""
 
+_MEASURED: Final = 0.98
+"""Share of the work of a fit that finding the features takes, roughly."""
 _LEAST: Final = 20
 """Least number of points for a fit."""
 
@@ -117,6 +120,7 @@ class Svr(LearnedCost):
         features: Choice = "auto",
         widths: Sequence[float] = (0.05, 1.0),
         shares: Sequence[float] = (0.3, 0.7),
+        progress: Progress = unseen,
     ) -> Self:
         """Fit to labelled points.
 
@@ -138,6 +142,7 @@ class Svr(LearnedCost):
                 cost is flat and has no useful gradient. The default was chosen by where plain
                 descent ends.
             shares: share of each width; the sum must be 1.
+            progress: called with the share that is done.
 
         Raises:
             ModelError: if there are too few points, all labels are the same, or a number is
@@ -158,7 +163,8 @@ class Svr(LearnedCost):
         check_word("svr features", features, get_args(Choice), ModelError)
         widths = numbers_of("svr widths", widths, _LEAST_NUMBER, _LARGEST_NUMBER, ModelError)
         shares = numbers_of("svr shares", shares, 0.0, 1.0, ModelError)
-        best, scale = _metric(_candidates(data, features, widths, shares), data, seed)
+        choices = _candidates(data, features, widths, shares)
+        best, scale = _metric(choices, data, seed, part_of(progress, 0.0, _MEASURED))
         seen = best.values(data.points)
         mean = seen.mean(axis=0)
         svr = sklearn("svm", "fitting a kernel cost").SVR(
@@ -175,6 +181,7 @@ class Svr(LearnedCost):
             Kernel("rbf", gamma), centres, weights, float(svr.intercept_[0]), mean, scale
         )
         cost = cls(best, model, data.coordinates, float(data.labels.min()))
+        progress(1.0)
         if max_vectors is None or len(model) <= max_vectors:
             return cost
         return reduced(cost, max_vectors, data, seed)[0]
@@ -253,17 +260,19 @@ def _candidates(
 
 
 def _metric(
-    candidates: Sequence[Columns | Steps], data: DataSet, seed: int
+    candidates: Sequence[Columns | Steps], data: DataSet, seed: int, progress: Progress
 ) -> tuple[Columns | Steps, Array]:
     """Return the features that make the data most likely, and the scale of each.
 
     Features that do not matter are left out.
     """
     best, scale, lowest = candidates[0], np.empty(0), np.inf
-    for features in candidates:
+    for number, features in enumerate(candidates, 1):
         seen = features.values(data.points)
         spread = seen.std(axis=0)
-        found = relevance((seen - seen.mean(axis=0)) / spread, data.labels, seed)
+        part = part_of(progress, (number - 1) / len(candidates), number / len(candidates))
+        unit = (seen - seen.mean(axis=0)) / spread
+        found = relevance(unit, data.labels, seed, progress=part)
         kept = found.slopes >= min(_SILENT * data.labels.std(), found.slopes.max())
         if found.cost < lowest:
             best, lowest = features.part(np.flatnonzero(kept).tolist()), found.cost

@@ -9,6 +9,7 @@ meaningful.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError
+from ergoqp.progress import Progress, unseen
 
 Array = NDArray[np.float64]
 
@@ -51,7 +53,12 @@ class Relevance:
 
 
 def relevance(
-    points: Array, labels: Array, seed: int = 0, count: int = 1000, rounds: int = 40
+    points: Array,
+    labels: Array,
+    seed: int = 0,
+    count: int = 1000,
+    rounds: int = 40,
+    progress: Progress = unseen,
 ) -> Relevance:
     """Find the relevance of each column on a random part of the data.
 
@@ -61,6 +68,7 @@ def relevance(
         seed: seed of the random part.
         count: number of points of the part; time grows with its cube.
         rounds: iterations of the search (L-BFGS).
+        progress: called with the share that is done; the search may end early.
 
     Returns:
         How much each column matters.
@@ -79,6 +87,7 @@ def relevance(
     start = np.r_[np.full(d, np.log(0.5 / d)), np.log(spread), np.log(0.3 * spread)]
     noise = (np.log(_LEAST_NOISE * spread), np.log(2 * spread))
     bounds = [_RANGE] * d + [(noise[0], np.log(_MOST_SIGNAL * spread)), noise]
+    begun = itertools.count(1)
     best = minimize(
         _cost,
         start,
@@ -87,6 +96,7 @@ def relevance(
         method="L-BFGS-B",
         bounds=bounds,
         options={"maxiter": rounds},
+        callback=lambda at: progress(next(begun) / rounds),
     )
     found = np.exp(best.x[: d + 1])
     return Relevance(found[:d], np.sqrt(2 * found[:d] * found[d]), float(best.fun))

@@ -176,3 +176,12 @@ def test_what_does_not_do_is_named(points, labels, settings, sentence):
 def test_features_and_kernels_must_fit(cost):
     with pytest.raises(ModelError, match="svr: got 1 features, allowed"):
         Svr(Columns((0,)), cost.model, REPORT_JOINTS, 1.0)
+
+
+def test_it_tells_how_far_it_is():
+    told = []
+    Svr.fit(sheet_data(8), features="plain", progress=told.append)
+    assert len(told) > 5
+    assert told == sorted(told)
+    assert 0 < told[0] < 0.5
+    assert told[-1] == 1.0
