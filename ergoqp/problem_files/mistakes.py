@@ -50,15 +50,15 @@ def mistakes(table: type[BaseModel], error: ValidationError) -> list[str]:
         table: table that the file was read as.
         error: errors of pydantic.
     """
-    items = [dict(item) for item in error.errors(include_url=False)]
+    items: list[dict[str, Any]] = [dict(item) for item in error.errors(include_url=False)]
     missing = {item["loc"] for item in items if item["type"] == "missing"}
-    meant = {
-        item["loc"]: (*above, near)
-        for item in items
-        if item["type"] == "extra_forbidden"
-        for *above, last in [item["loc"]]
-        if (near := nearest(str(last), _keys(table, above))) and (*above, near) in missing
-    }
+    meant = {}
+    for item in items:
+        if item["type"] == "extra_forbidden":
+            *above, last = item["loc"]
+            near = (*above, nearest(str(last), _keys(table, above)))
+            if near in missing:
+                meant[item["loc"]] = near
     found = [
         _sentence(table, item, item["loc"] in meant)
         for item in items

@@ -415,7 +415,7 @@ def test_a_region_of_ones_own_is_checked_by_what_it_says() -> None:
         (lambda: Ball((0, 0, np.nan), 1), "keep_out centre"),
         (lambda: Box((0, 0, 0), (1, 1, 0)), "allowed lower < upper"),
         (lambda: HalfSpace((0, 0, 0), 1), "allowed any vector but zero"),
-        (lambda: KeepOut(Ball), r"an object, not the class: Ball\(\.\.\.\)"),  # type: ignore[arg-type]
+        (lambda: KeepOut(Ball), "an object, not the class: Ball"),  # type: ignore[arg-type]
     ],
 )
 def test_what_is_no_region_is_said_in_one_sentence(make, sentence: str) -> None:
