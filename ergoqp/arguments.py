@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.errors import ErgoqpError, InputError
+from ergoqp.units import perhaps
 
 MOST_WHOLE: Final = 2**63 - 1
 """Largest whole number that arrays and seeds accept."""
@@ -59,9 +60,10 @@ def check_number(
     """
     if not (_is_real(value) and low <= value <= high):
         end, kind = f" {unit}" if unit else "", "" if _is_real(value) else "a number from "
+        unlike = "" if kind else perhaps([value], low, high, unit)
         raise error(
             f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to"
-            f" {high:g}{end}"
+            f" {high:g}{end}{unlike}"
         )
 
 
@@ -182,7 +184,14 @@ def check_kind(
         ErgoqpError: `error`, if the value has none of these types.
     """
     if not isinstance(value, kind):
+        if isinstance(value, type) and issubclass(value, kind):
+            allowed = object_of(value)
         raise error(f"{what}: got {shown(value)}, allowed {allowed}")
+
+
+def object_of(given: type) -> str:
+    """Return what is allowed in place of a class, in words."""
+    return f"an object, not the class: {given.__name__}(...)"
 
 
 def check_text(what: str, value: Any, error: type[ErgoqpError] = InputError) -> None:

@@ -31,7 +31,7 @@ class InputError(ErgoqpError, ValueError):
         ...     Body(stature=175.0)
         ... except InputError as error:
         ...     print(error)
-        stature: got 175.0 m, allowed 1.2 to 2.3 m
+        stature: got 175.0 m, allowed 1.2 to 2.3 m (centimetres?)
     """
 
 

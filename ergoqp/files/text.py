@@ -16,6 +16,17 @@ from ergoqp.errors import InputError
 LARGEST_TOML: Final = 1_000_000
 """Largest size of a file that a user writes [bytes]."""
 
+_HINTS: Final = {
+    r"Illegal character '\n'": "is a text in that line not closed by a quotation mark?",
+    "Unterminated string": "is a text not closed by a quotation mark?",
+    "Expected \"'": "is a text not closed by a quotation mark?",
+    "Unclosed array": "is a list not closed by ]?",
+    "Unescaped '\\'": "a text with backslashes stands in single quotation marks",
+    "Invalid value": "a text stands in quotation marks, and true and false are lower case",
+    "after a statement": "is there a decimal comma, or more after the value?",
+}
+"""What a message of the parser often means."""
+
 LARGEST_JSON: Final = 100_000_000
 """Largest size of a file that the package writes [bytes]."""
 
@@ -37,7 +48,8 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         why = "tables within tables without end"
     except ValueError as error:  # invalid TOML, and numbers with thousands of digits
         why = str(error)
-    raise InputError(f"{what}: {path.name}: not a TOML file: {why}, allowed TOML")
+    hint = next((f" ({hint})" for words, hint in _HINTS.items() if words in why), "")
+    raise InputError(f"{what}: {path.name}: not a TOML file: {why}, allowed TOML{hint}")
 
 
 def read_json(path: Path, what: str) -> Any:

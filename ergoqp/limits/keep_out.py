@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final, Protocol
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_number, check_text, read_array, shown
+from ergoqp.arguments import check_number, check_text, object_of, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
@@ -222,11 +222,12 @@ class KeepOut:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not callable(getattr(self.region, "nearest", None)) or isinstance(self.region, type):
-            raise InputError(
-                f"keep_out region: got {shown(self.region)}, allowed a HalfSpace, Box or Ball of"
-                " ergoqp.limits.keep_out"
-            )
+        known = callable(getattr(self.region, "nearest", None))
+        if not known or isinstance(self.region, type):
+            allowed = "a HalfSpace, Box or Ball of ergoqp.limits.keep_out"
+            if known and isinstance(self.region, type):
+                allowed = object_of(self.region)
+            raise InputError(f"keep_out region: got {shown(self.region)}, allowed {allowed}")
         if not isinstance(self.region, (HalfSpace, Ball, Box)):
             _check_nearest(self.region)
         check_text("keep_out name", self.name)

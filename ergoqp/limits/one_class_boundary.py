@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from ergoqp.arguments import check_number, check_text, flag, shown
+from ergoqp.arguments import check_number, check_text, flag, object_of, shown
 from ergoqp.errors import InputError
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation
@@ -66,11 +66,12 @@ class OneClassBoundary:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if isinstance(self.model, type) or not hasattr(self.model, "margin_and_slope"):
-            raise InputError(
-                f"model: got {shown(self.model)}, allowed a one-class SVM, such as"
-                " ergoqp.learning.one_class.OneClass"
-            )
+        known = hasattr(self.model, "margin_and_slope")
+        if not known or isinstance(self.model, type):
+            allowed = "a one-class SVM, such as ergoqp.learning.one_class.OneClass"
+            if known and isinstance(self.model, type):
+                allowed = object_of(self.model)
+            raise InputError(f"model: got {shown(self.model)}, allowed {allowed}")
         check_text("name", self.name)
         object.__setattr__(self, "hard", flag("hard", self.hard))
         check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")

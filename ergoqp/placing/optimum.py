@@ -147,8 +147,8 @@ class Optimum:
         x, y, z = self.pose[:3, 3]
         return (
             f"Optimum({self.problem!r}, {self.mode}: REBA {self.reba_before} -> {self.reba_after}"
-            f" with the object at ({x:.2f}, {y:.2f}, {z:.2f}) m, residual {self.kkt_residual:.1e},"
-            f" {len(self.trials)} starts)"
+            f" with the object at ({x:z.2f}, {y:z.2f}, {z:z.2f}) m,"
+            f" residual {self.kkt_residual:.1e}, {len(self.trials)} starts)"
         )
 
     def save(self, path: str | Path) -> Path:

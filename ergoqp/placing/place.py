@@ -93,7 +93,7 @@ class Place:
             # A box without width defines where the object is.
             if off[i] > _NEAR and box.lower[i] < box.upper[i]:
                 raise InputError(
-                    f"object: got {'xyz'[i]} = {pose[i, 3]:.2f} m, where it cannot move, "
+                    f"object: got {'xyz'[i]} = {pose[i, 3]:z.2f} m, where it cannot move, "
                     f"allowed {box.lower[i]:g} to {box.upper[i]:g} m"
                 )
         if 3 in self.kinds:

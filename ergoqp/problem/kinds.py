@@ -12,7 +12,15 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, check_text, flag, names_of, shown
+from ergoqp.arguments import (
+    check_kind,
+    check_number,
+    check_text,
+    flag,
+    names_of,
+    object_of,
+    shown,
+)
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
@@ -120,14 +128,17 @@ def _check_members(what: str, term: Any, kind: str) -> None:
     if not callable(term) and "__call__" in _MEMBERS[kind]:
         lacking.append("__call__")
     if isinstance(term, type) or lacking:
-        found = (
-            ""
-            if isinstance(term, type) or len(lacking) == len(_MEMBERS[kind])
-            else f" without {', '.join(lacking)}"
-        )
-        raise ProblemError(
-            f"{what}: got {shown(term)}{found}, allowed a {kind} with {', '.join(_MEMBERS[kind])}"
-        )
+        with_members = f"a {kind} with {', '.join(_MEMBERS[kind])}"
+        if isinstance(term, type):
+            # Every class can be called. A TwistLimit has no rows, and none of their members.
+            known = issubclass(term, TwistLimit) or any(
+                hasattr(term, name) for name in _MEMBERS[kind] if name != "__call__"
+            )
+            raise ProblemError(
+                f"{what}: got {shown(term)}, allowed {object_of(term) if known else with_members}"
+            )
+        found = "" if len(lacking) == len(_MEMBERS[kind]) else f" without {', '.join(lacking)}"
+        raise ProblemError(f"{what}: got {shown(term)}{found}, allowed {with_members}")
 
 
 def check_expression(cost: Any, size: int) -> None:

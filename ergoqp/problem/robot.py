@@ -11,14 +11,15 @@ from ergoqp.arguments import check_number
 from ergoqp.errors import ProblemError
 
 _LARGEST: Final = {
-    "delay": 0.5,
-    "lag": 0.5,
-    "gain_error": 0.5,
-    "pose_delay": 0.5,
-    "pose_noise": 0.1,
-    "pose_noise_deg": 10.0,
-    "longest_hold": 1.0,
+    "delay": (0.5, "s"),
+    "lag": (0.5, "s"),
+    "gain_error": (0.5, ""),
+    "pose_delay": (0.5, "s"),
+    "pose_noise": (0.1, "m"),
+    "pose_noise_deg": (10.0, "deg"),
+    "longest_hold": (1.0, "s"),
 }
+"""Largest value of each entry, with its unit."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ class DeclaredRobot:
     def __post_init__(self) -> None:
         """Check the numbers."""
         for entry in fields(self):
-            value, most = getattr(self, entry.name), _LARGEST[entry.name]
-            check_number(f"robot.{entry.name}", value, 0.0, most, error=ProblemError)
+            value, (most, unit) = getattr(self, entry.name), _LARGEST[entry.name]
+            check_number(f"robot.{entry.name}", value, 0.0, most, unit, ProblemError)
 
     @property
     def dead_time(self) -> float:

@@ -37,8 +37,9 @@ from ergoqp.paths import data_folder
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.full_keys import full_keys
 from ergoqp.problem_files.keys import given_tables
-from ergoqp.problem_files.mistakes import listed, mistakes, unusual
+from ergoqp.problem_files.mistakes import listed, mistakes
 from ergoqp.problem_files.own_terms import build_own, file_table, own_tables
 from ergoqp.problem_files.tables import (
     FileTable,
@@ -49,6 +50,7 @@ from ergoqp.problem_files.tables import (
     TaskTable,
     TwistTable,
 )
+from ergoqp.problem_files.usual import unusual
 from ergoqp.responses import IkResponse, LinearResponse, Response
 from ergoqp.sheets.reba import Method
 from ergoqp.sheets.task import TaskOptions
@@ -217,14 +219,18 @@ def _response(table: ResponseTable, folder: Path) -> Response:
     for name, own in own_tables(table).items():
         return build_own("response", name, own)
     ((name, keys),) = given_tables(table).items()
-    return RESPONSES[name](folder, **keys.model_dump())
+    values = keys.model_dump()
+    with full_keys({f"response.{name}": values}):
+        return RESPONSES[name](folder, **values)
 
 
 def _cost(file: FileTable, sheet: dict[str, Any], folder: Path) -> Any:
     for name, own in own_tables(file.cost).items():
         return build_own("cost", name, own)
     ((name, keys),) = (given_tables(file.cost) or {"smooth_reba": SmoothRebaTable()}).items()
-    return COSTS[name](_Given(file, sheet, folder), **keys.model_dump())
+    values = keys.model_dump()
+    with full_keys({f"cost.{name}": values, "task": sheet}):
+        return COSTS[name](_Given(file, sheet, folder), **values)
 
 
 def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
@@ -235,29 +241,28 @@ def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
         limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
     elif "point_speed" not in limits:
         limits["point_speed"] = PointSpeedTable().model_dump()
-    if "one_class_boundary" in limits:
-        from ergoqp.learning.one_class import load_one_class
-
-        boundary = limits["one_class_boundary"]
-        boundary["model"] = load_one_class(find_model(boundary["model"], folder))
     listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
     made = [
-        _limit(kind, values, f"limits.{kind}.{i}" if isinstance(limits[kind], list) else kind)
+        _limit(
+            kind,
+            values,
+            f"limits.{kind}.{i}" if isinstance(limits[kind], list) else f"limits.{kind}",
+            folder,
+        )
         for kind, several in listed.items()
         for i, values in enumerate(several)
     ]
     return [*made, *(build_own("limits", name, table) for name, table in own.items())]
 
 
-def _limit(kind: str, values: dict[str, Any], where: str) -> Any:
+def _limit(kind: str, values: dict[str, Any], where: str, folder: Path) -> Any:
     """Return one limit. If there are several of a kind, an error names the one that is wrong."""
-    try:
+    with full_keys({where: values}, kind):
+        if kind == "one_class_boundary":
+            from ergoqp.learning.one_class import load_one_class
+
+            values = values | {"model": load_one_class(find_model(values["model"], folder))}
         return LIMITS[kind](**values)
-    except InputError as error:
-        words = str(error)
-        if words.startswith(kind):
-            words = f"{where}{words.removeprefix(kind)}"
-        raise InputError(words) from None
 
 
 def find_model(name: str, folder: Path) -> Path:

@@ -3,38 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from difflib import get_close_matches
 from typing import Any, Final, get_args
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from ergoqp.problem_files.in_words import (
+    as_written,
+    nearest,
+    nearest_first,
+    out_of_range,
+    place_of,
+)
 from ergoqp.problem_files.keys import keys_of
+from ergoqp.problem_files.usual import unit_of
 
-_USUAL: Final[dict[str, tuple[float, float, str]]] = {
-    "limits.twist.linear_speed": (0.005, 1.0, "m/s"),
-    "limits.twist.angular_speed": (0.02, 4.0, "rad/s"),
-    "limits.twist.linear_acceleration": (0.02, 5.0, "m/s^2"),
-    "limits.twist.angular_acceleration": (0.05, 20.0, "rad/s^2"),
-    "limits.point_speed.speed": (0.005, 1.0, "m/s"),
-    "limits.point_speed.acceleration": (0.02, 5.0, "m/s^2"),
-    "limits.workspace.lower": (-3.0, 3.0, "m"),
-    "limits.workspace.upper": (-3.0, 3.0, "m"),
-    "limits.arm_length.length": (0.1, 0.5, "m"),
-    "limits.tool_axis.half_angle_deg": (3.2, 170.0, "deg"),
-    "limits.joints.rate_deg": (6.3, 720.0, "deg/s"),
-    "cost.smooth_reba.taus_deg": (0.1, 45.0, "deg"),
-    "limits.keep_out.ball.centre": (-10.0, 10.0, "m"),
-    "limits.keep_out.ball.radius": (0.005, 5.0, "m"),
-    "limits.keep_out.box.lower": (-10.0, 10.0, "m"),
-    "limits.keep_out.box.upper": (-10.0, 10.0, "m"),
-    "limits.keep_out.half_space.offset": (-10.0, 10.0, "m"),
-    "task.load_kg": (0.0, 50.0, "kg"),
+_RANGES: Final = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+_LENGTHS: Final = ("too_short", "too_long")
+_KINDS: Final = {
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "bool_type": "true or false",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text",
 }
-"""Usual ranges beside a person. A value outside usually has the wrong unit."""
+"""Errors of pydantic about a type, and what is allowed if the place has no words of its own."""
 
-_ANGLES: Final = ("response.ik.comfort_deg", "limits.joints.ranges_deg")
-"""Tables of angles in degrees. Usually at least one angle is larger than pi."""
+_TOLD: Final = {"seated": "the stance under [response.ik] tells whether the person sits"}
+"""Keys that users look for, and what tells it."""
 
 
 def listed(name: str, found: Sequence[str]) -> str:
@@ -46,28 +44,84 @@ def listed(name: str, found: Sequence[str]) -> str:
 def mistakes(table: type[BaseModel], error: ValidationError) -> list[str]:
     """Return a sentence for each mistake that was found in a table.
 
+    A required key that is missing because it was misspelled is one mistake, not two.
+
     Args:
         table: table that the file was read as.
         error: errors of pydantic.
     """
-    return [_sentence(table, dict(item)) for item in error.errors(include_url=False)]
+    items: list[dict[str, Any]] = [dict(item) for item in error.errors(include_url=False)]
+    missing = {item["loc"] for item in items if item["type"] == "missing"}
+    meant = {}
+    for item in items:
+        if item["type"] == "extra_forbidden":
+            *above, last = item["loc"]
+            near = (*above, nearest(str(last), _keys(table, above)))
+            if near in missing:
+                meant[item["loc"]] = near
+    found = [
+        _sentence(table, item, item["loc"] in meant)
+        for item in items
+        if item["type"] != "missing" or item["loc"] not in meant.values()
+    ]
+    # A list that lacks several entries is one mistake.
+    return list(dict.fromkeys(found))
 
 
-def _sentence(table: type[BaseModel], item: dict[str, Any]) -> str:
-    *above, last = item["loc"] or ("",)
-    key = ".".join(str(part) for part in item["loc"])
-    got, message = f"got {item['input']!r:.80}", item["msg"]
-    if item["type"] == "extra_forbidden":
-        keys = _keys(table, above)
-        return (
-            f"{key}: got a key that is not known, allowed"
-            f" {', '.join(nearest_first(str(last), keys))}"
-        )
-    if item["type"] == "missing":
+def _sentence(table: type[BaseModel], item: dict[str, Any], required: bool) -> str:
+    """Return an error of pydantic as a sentence.
+
+    Args:
+        table: table that the file was read as.
+        item: the error.
+        required: whether the key was meant to be one that is required.
+    """
+    path, kind, message = item["loc"], item["type"], item["msg"]
+    if kind == "missing" and isinstance(path[-1], int):
+        path, kind = path[:-1], "too_short"
+    key = ".".join(map(str, path))
+    if kind == "extra_forbidden":
+        return f"{key}: got a key that is not known, {_instead(table, path, required)}"
+    if kind == "missing":
         return f"{key}: got nothing, required"
+    got, place = f"got {as_written(item['input'])}", place_of(table, path)
+    unit = unit_of(".".join(part for part in path if isinstance(part, str)))
+    if place and kind in _RANGES and (size := out_of_range(place, item["input"], unit)):
+        return f"{key}: {got}, allowed {size}"
+    if kind in _KINDS or kind in _LENGTHS:
+        words = place.in_words(unit) if place else ""
+        if words or kind in _KINDS:
+            return f"{key}: {got}, allowed {words or _KINDS[kind]}"
     if message.startswith("Input should be "):
         return f"{key}: {got}, allowed {message.removeprefix('Input should be ')}"
+    if message.startswith("got "):
+        return f"{key}: {message}"
+    message = message.removeprefix("Value error, ")
     return f"{key}: {message[0].lower()}{message[1:]}, {got}".removeprefix(": ")
+
+
+def _instead(table: type[BaseModel], path: Sequence[int | str], required: bool) -> str:
+    """Return what is allowed in place of a key that is not known."""
+    *above, last = path
+    key, keys = str(last), _keys(table, above)
+    words = f"allowed {', '.join(nearest_first(key, keys, required))}"
+    if key in _TOLD:
+        return f"{words}; {_TOLD[key]}"
+    # A key at the wrong place is named only if it is not a misspelled one of this place.
+    places = [] if nearest(key, keys) else list(dict.fromkeys(_places(table, key)))
+    if not 1 <= len(places) <= 2:
+        return words
+    return f"{words}; {key} belongs {' or '.join(places)}"
+
+
+def _places(table: type[BaseModel], key: str, above: str = "") -> Iterator[str]:
+    """Yield the tables that have a key, such as "under [limits.twist]"."""
+    for name, attribute in keys_of(table).items():
+        if name == key:
+            yield f"under [{above}]" if above else "at the top of the file, above all tables"
+        inner = f"{above}.{name}" if above else name
+        for each in _tables(table.model_fields[attribute].annotation):
+            yield from _places(each, key, inner)
 
 
 def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
@@ -84,67 +138,3 @@ def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for each in get_args(annotation):
         yield from _tables(each)
-
-
-def nearest_first(got: str, allowed: Sequence[str]) -> list[str]:
-    """Return the allowed names. The one that was probably meant is first and marked."""
-    near = get_close_matches(got, allowed, 1, 0.6)
-    return [
-        *(f"{each} (the nearest)" for each in near),
-        *(each for each in allowed if each not in near),
-    ]
-
-
-def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
-    """Return a sentence for each number that is unusual beside a person.
-
-    Numbers whose key is in `meant` are left out.
-
-    Args:
-        raw: tables of a file without mistakes.
-        meant: keys whose unusual values are meant.
-    """
-    known = {*_USUAL, *_ANGLES}
-    found = [
-        f"unusual: got {key!r}, allowed {', '.join(nearest_first(key, sorted(known)))}"
-        for key in meant
-        if key not in known
-    ]
-    for key, (low, high, unit) in _USUAL.items():
-        strange = [each for each in _numbers(_value(raw, key)) if not low <= each <= high]
-        if strange and key not in meant:
-            found.append(
-                f"{key}: got {strange[0]:g}, usual are {low:g} to {high:g} {unit}{_if_meant(key)}"
-            )
-    for key in _ANGLES:
-        angles = list(_numbers(_value(raw, key)))
-        if any(angles) and max(map(abs, angles)) <= np.pi and key not in meant:
-            found.append(
-                f"{key}: got no angle beyond {max(map(abs, angles)):g}, usual are degrees, not"
-                f" radians{_if_meant(key)}"
-            )
-    return found
-
-
-def _if_meant(key: str) -> str:
-    return f'; if it is meant, name it in the first lines: unusual = ["{key}"]'
-
-
-def _value(raw: Any, key: str) -> Any:
-    """Return the value of a key; for an array of tables, a list of values."""
-    if isinstance(raw, list):
-        return [_value(each, key) for each in raw]
-    first, _, rest = key.partition(".")
-    value = raw.get(first) if isinstance(raw, dict) else None
-    return _value(value, rest) if rest else value
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    """Yield all numbers in tables and lists."""
-    if isinstance(value, dict):
-        value = list(value.values())
-    if isinstance(value, (list, tuple)):
-        for each in value:
-            yield from _numbers(each)
-    elif value is not None:
-        yield float(value)

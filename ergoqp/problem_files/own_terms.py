@@ -11,6 +11,7 @@ from pydantic import Field, PydanticUserError, create_model
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, InputError, in_words
 from ergoqp.problem.kinds import check_response
+from ergoqp.problem_files.full_keys import full_keys
 from ergoqp.problem_files.keys import given_tables, keys_of
 from ergoqp.problem_files.own_types import as_in_files
 from ergoqp.problem_files.tables import CostTable, FileTable, LimitsTable, ResponseTable, Table
@@ -68,7 +69,8 @@ def build_own(part: str, name: str, table: Table) -> Any:
         if attribute in table.model_fields_set
     }
     try:
-        made = own_term(_KINDS[part], name)(**said)
+        with full_keys({f"{part}.{name}": said}):
+            made = own_term(_KINDS[part], name)(**said)
     except ErgoqpError:
         raise
     except Exception as error:  # any error in the code of a user's term

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Annotated, Any, Literal, Self, get_type_hints
 
@@ -18,6 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from ergoqp.limits import AXES
 from ergoqp.problem.control import Control
+from ergoqp.problem_files.in_words import listing
 from ergoqp.problem_files.keys import (
     NotNegative,
     Number,
@@ -65,9 +67,7 @@ class IkTable(Table):
     @model_validator(mode="after")
     def _one_person(self) -> Self:
         if self.stature is not None and self.person is not None:
-            raise PydanticCustomError(
-                "person", "Input should be a table with `stature` or with `person`, not with both"
-            )
+            raise PydanticCustomError("person", "got stature and person, allowed one of them")
         return self
 
 
@@ -75,9 +75,18 @@ class PointsTable(Table):
     """Elbow and wrist of the right arm are the state. The twist is their velocity. No keys."""
 
 
-def _either(table: Table, word: str) -> str:
-    *most, last = keys_of(type(table))
-    return f"{', '.join(most)} {word} {last}"
+def _check_one(keys: Sequence[str], given: Sequence[str], at_least: int) -> None:
+    """Raise an error if a table has more than one of some keys, or fewer than `at_least`."""
+    if not at_least <= len(given) <= 1:
+        raise PydanticCustomError(
+            "one",
+            "got {got}, allowed {count} one of {keys}",
+            {
+                "got": listing(given) if given else "none",
+                "count": "exactly" if at_least else "only",
+                "keys": listing(keys),
+            },
+        )
 
 
 class ResponseTable(Table):
@@ -88,8 +97,7 @@ class ResponseTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(given_tables(self)) != 1:
-            raise ValueError(f"exactly one of {_either(self, 'and')} is allowed")
+        _check_one(list(keys_of(type(self))), list(given_tables(self)), 1)
         return self
 
 
@@ -120,8 +128,7 @@ class CostTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(given_tables(self)) > 1:
-            raise ValueError(f"only one of {_either(self, 'and')} is allowed")
+        _check_one(list(keys_of(type(self))), list(given_tables(self)), 0)
         return self
 
 
@@ -240,8 +247,8 @@ class KeepOutTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if sum(each is not None for each in (self.half_space, self.ball, self.box)) != 1:
-            raise ValueError("exactly one of half_space, ball and box is allowed")
+        regions = ("half_space", "ball", "box")
+        _check_one(regions, [name for name in regions if getattr(self, name) is not None], 1)
         return self
 
 
@@ -251,7 +258,7 @@ def _named(regions: list[KeepOutTable] | None) -> list[KeepOutTable] | None:
     if doubled := [name for name in names if names.count(name) > 1]:
         raise PydanticCustomError(
             "names",
-            "Input should be regions each with a `name` of its own, and not two of {name}",
+            "got two regions named {name}, allowed regions each with a `name` of its own",
             {"name": repr(doubled[0])},
         )
     return regions

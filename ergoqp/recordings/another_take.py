@@ -20,14 +20,15 @@ _STANDS: Final = math.radians(12)
 
 
 def check_same_person(
-    where: str, own: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]
+    where: str, own: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], unit: float | None
 ) -> None:
     """Raise if the skeletons of two recordings have different proportions.
 
     Args:
         where: the recording's name, for messages.
-        own: centre -> positions (n, 3), any unit.
+        own: centre -> positions (n, 3) [m].
         other: the same of the other recording, in its unit.
+        unit: that unit [m]; None if it is unknown.
 
     Raises:
         RecordingError: if they differ, with the segment that differs most.
@@ -41,10 +42,13 @@ def check_same_person(
     # One segment may be measured badly in one of the recordings.
     if np.sort(off)[-2] <= _SIMILAR:
         return
-    worst = int(np.argmax(off))
+    worst = both[int(np.argmax(off))]
+    sizes = f"{100 * (math.exp(off.max()) - 1):.0f} % off"
+    if unit is not None:
+        sizes += f": {mine[worst]:.2f} m here, {unit * theirs[worst]:.2f} m there"
     raise RecordingError(
-        f"{where}: neutral: got a skeleton with other proportions ({both[worst].replace('_', ' ')}"
-        f" {100 * (math.exp(off[worst]) - 1):.0f} % off), allowed that of the same person"
+        f"{where}: neutral: got a skeleton with other proportions ({worst.replace('_', ' ')}"
+        f" {sizes}), allowed that of the same person, a time of this recording, or vertical"
     )
 
 

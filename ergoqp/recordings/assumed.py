@@ -102,7 +102,7 @@ def straight_of(
             reading.unit,
             reading.shapes,
         )
-        check_same_person(where, world, trial.centres.paths)
+        check_same_person(where, world, trial.centres.paths, trial.unit)
         there = {centre: path @ axes.T for centre, path in trial.centres.paths.items()}
         check_stands(where, there)
         every = np.ones(len(stated.time), dtype=bool)

@@ -61,7 +61,7 @@ def slice_words(slice_: Slice) -> str:
 
 
 def _signed(value: float) -> str:
-    return f"{round(float(value), 2) + 0.0:.2f}".replace("-", "−")
+    return f"{float(value):z.2f}".replace("-", "−")
 
 
 def task_options(problem: Problem) -> list[tuple[str, str]]:

@@ -56,9 +56,12 @@ class RunFacts:
         """What the motion of the robot gained over the person's rest without it, in words."""
         if not self.standing_still:
             return f"{self.before} to {self.after}."
+        gained = f"{self.standing_still} to {self.after} by moving the object"
+        if self.before == self.standing_still:
+            return f"{gained} ({self.before} had it stayed)."
         return (
-            f"{self.standing_still} to {self.after} by moving the object: {self.before} at the"
-            f" start, {self.standing_still} had the object stayed where it was."
+            f"{gained}: {self.before} at the start, {self.standing_still} had the object stayed"
+            " where it was."
         )
 
     @property
@@ -176,7 +179,7 @@ def told_of(run: Run, most: int = 3) -> list[str]:
     said: dict[str, tuple[int, str]] = {}
     for reason in run.reasons:
         for part in reason.split("; "):
-            if part.startswith("robot:") or "measured beyond its end" in part or "given up" in part:
+            if part.startswith("robot:") or ", held at the " in part or "given up" in part:
                 kind = re.sub(r"\d[\d.e+-]*", "#", part)
                 said[kind] = (said.get(kind, (0, ""))[0] + 1, part)
     chosen = sorted(said.values(), key=lambda each: -each[0])[:most]

@@ -20,7 +20,7 @@ from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart
 from ergoqp.report.charts.strips import segments_strips
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
-from ergoqp.report.scores import summary_of, worst_frame
+from ergoqp.report.scores import summary_of, worst_frame, worst_in_words
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
@@ -181,9 +181,8 @@ def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]
     if worst is None:
         causes = recording.causes(0) or assessment.reasons(0)
         return Section("Worst moment", "No frame could be scored.", sentences=causes)
-    intro = (
-        f"Frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}."
-    )
+    words = worst_in_words(worst)
+    intro = f"{words[0].upper()}{words[1:]}."
     segments = [
         (
             name.replace("_", " "),

@@ -99,12 +99,12 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``not_scored`` {cause:
     frames}, ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over
     valid frames (null without one); ``share`` {action level: share of the valid frames}; ``worst``
-    {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with
-    the highest score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the
-    valid frames}}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``,
-    ``max``} (null when unknown), ``centre_error_mm`` {centre: the same}; ``markers`` {marker:
-    {``frame`` of the body that it sits on, ``residual_mm``, null if it is never seen}};
-    ``assumptions``. Frames count from 0.
+    {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``, ``others``} or null: the first
+    frame with the highest score, and how many others have it; ``segments`` {segment: {``mean``,
+    ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames beyond its
+    range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown), ``centre_error_mm`` {centre:
+    the same}; ``markers`` {marker: {``frame`` of the body that it sits on, ``residual_mm``, null if
+    it is never seen}}; ``assumptions``. Frames count from 0.
 
     Args:
         recording: the recording that was scored.
@@ -165,7 +165,15 @@ def _worst(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "risk": palette.risk_of_level(int(assessment.band[i])),
         "arm": str(assessment.arm[i]),
         "reasons": assessment.reasons(i),
+        "others": int(np.sum(assessment.final == assessment.final[i])) - 1,
     }
+
+
+def worst_in_words(worst: dict[str, Any]) -> str:
+    """Return the worst frame of a summary, and how many more have its score."""
+    more = f" and {worst['others']} more" if worst["others"] else ""
+    where = f"frame {worst['frame']} at {worst['time_s']:.2f} s{more}"
+    return f"{where}: REBA {worst['reba']}, {worst['risk']}"
 
 
 def _segment(assessment: Assessment, name: str, count: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from rich.text import Text
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
 from ergoqp.report.run_facts import facts_of, hint_of, told_of, violation_rows
-from ergoqp.report.scores import summary_of
+from ergoqp.report.scores import summary_of, worst_in_words
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
 
@@ -109,7 +109,7 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
         table.add_row("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm")
     table.add_row(
         "worst",
-        f"frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}",
+        worst_in_words(worst),
     )
     reasons = _plain(None, ("why",))
     for sentence in worst["reasons"]:

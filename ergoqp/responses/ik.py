@@ -35,8 +35,8 @@ class IkResponse:
 
     Attributes:
         body: the body of the model person.
-        hands: ``("right",)``, ``("left",)`` or both. The contact frame is at the grip, or midway
-            between the two.
+        hands: ``("right",)``, ``("left",)`` or both, in any order; kept as ``("right", "left")``.
+            The contact frame is at the grip, or midway between the two.
         stance: ``"standing"`` or ``"seated"``.
         seat_height: height of the hip centres above the floor when seated [m]. None: the seat is
             set to the person, so that the feet stand on the floor with the legs in comfort, see
@@ -95,10 +95,12 @@ class IkResponse:
     def __post_init__(self) -> None:
         """Check the terms, so that errors are raised here and not in the loop."""
         check_kind("body", self.body, Body, "a Body")
-        allowed = "('right',), ('left',) or ('right', 'left')"
-        object.__setattr__(self, "hands", names_of("hands", self.hands, allowed))
-        if self.hands not in (("right",), ("left",), ("right", "left")):
-            raise InputError(f"hands: got {shown(self.hands)}, allowed {allowed}")
+        allowed = "'right', 'left' or both, each once, in a list"
+        hands = names_of("hands", self.hands, allowed)
+        if not set(hands) <= set(SIDES) or len(set(hands)) < len(hands):
+            raise InputError(f"hands: got {shown(hands)}, allowed {allowed}")
+        # The contact frame is made from the right grip to the left one.
+        object.__setattr__(self, "hands", tuple(side for side in SIDES if side in hands))
         if not isinstance(self.stance, str) or self.stance not in ("standing", "seated"):
             raise InputError(f"stance: got {shown(self.stance)}, allowed 'standing' or 'seated'")
         if not isinstance(self.tool, str) or self.tool not in TOOL_AXES:

@@ -50,7 +50,7 @@ def about_person(
     if place is not None:
         x, y, z = place.pose[:3, 3]
         sentences.append(
-            f"The guide is the place ({x:.2f}, {y:.2f}, {z:.2f}) m: the object goes there if"
+            f"The guide is the place ({x:z.2f}, {y:z.2f}, {z:z.2f}) m: the object goes there if"
             " descent alone comes to rest at a worse place."
         )
     if len(senses.bias_deg) > _MANY:

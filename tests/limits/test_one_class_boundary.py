@@ -195,7 +195,7 @@ def test_a_persons_posture_outside_the_data_is_named_not_made_worse_and_moves_no
         assert {step.status for step in steps} <= {"optimal", "settled", "relaxed"}
         # The other joints go on: the object is not held.
         assert sum(np.abs(step.twist).max() > 1e-3 for step in steps) > 20
-        sentence = f"boundary by {-outside:.3g}, measured beyond its end, where it is held"
+        sentence = f"boundary measured {-outside:.3g} beyond its limit, held at the limit"
         assert all((sentence in step.reason) == (kind == "with") for step in steps)
     assert fastest["without"] < -0.05
     # To the solver's rounding.

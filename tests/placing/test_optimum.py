@@ -1,12 +1,15 @@
 """What was found, as a file and back."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from ergoqp import JOINTS, load_problem
+from ergoqp.cli.commands.optimise import optimum_table
 from ergoqp.errors import InputError
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.problem.workspace import turn_about
@@ -101,3 +104,16 @@ def test_documented(optimum):
     values = optimum.as_dict()
     for key in (*values, *values["trials"][0]):
         assert f"`{key}`" in text, key
+
+
+def test_a_place_has_no_minus_zero(optimum):
+    pose = optimum.pose.copy()
+    pose[:3, 3] = -0.001, 0.002, -0.3
+    pose[:3, 0] = -0.001, 0.002, -1.0
+    near = replace(optimum, pose=pose)
+    console = Console(width=200)
+    with console.capture() as captured:
+        console.print(optimum_table(load_problem("dentist"), [near]))
+    assert "0.00, 0.00, -0.30" in captured.get()
+    assert "0.00, 0.00, -1.00" in captured.get()
+    assert "-0.00" not in captured.get() + repr(near)

@@ -108,7 +108,7 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
             ["response.ik.stance", "'standing' or 'seated'", "kneeling"],
         ),
         ("response.ik.hands", [], ["response.ik.hands"]),
-        ("response.ik.hands", ["left", "right"], ["hands: got", "allowed"]),
+        ("response.ik.hands", ["left", "left"], ["response.ik.hands: got", "allowed"]),
         ("response.ik.hands", "right", ["response.ik.hands"]),
         ("response.ik.tool", "pen", ["response.ik.tool", "pen"]),
         (
@@ -116,7 +116,11 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
             {"elbow_flexion": 0},
             ["response.ik.weights.elbow_flexion", "greater than 0"],
         ),
-        ("response.ik.weights", {"tail": 1.0}, ["weights: got 'tail', allowed a joint"]),
+        (
+            "response.ik.weights",
+            {"tail": 1.0},
+            ["mine: response.ik.weights: got 'tail', allowed a joint"],
+        ),
         (
             "response.ik.comfort_deg",
             {"elbow_flexion": 200.0},
@@ -126,7 +130,7 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
         ("response.gmr", {}, ["response.gmr"]),
         ("task.load_kg", -1.0, ["task.load_kg", "-1"]),
         ("task.coupling", 4, ["task.coupling", "4"]),
-        ("task.coupling", True, ["task.coupling", "True"]),
+        ("task.coupling", True, ["task.coupling: got true, allowed a whole number from 0 to 3"]),
         ("task.shock", "yes", ["task.shock", "'yes'"]),
         ("task.seated", True, ["task.seated: got a key that is not known"]),
         (

@@ -65,11 +65,10 @@ def test_another_person_follows_otherwise(folder: Path) -> None:
     [
         (
             {"person": "people/me.toml", "stature": 1.7},
-            "response.ik: got {'person': 'people/me.toml', 'stature': 1.7}, allowed a table with"
-            " `stature` or with `person`, not with both",
+            "response.ik: got stature and person, allowed one of them",
         ),
-        ({"person": 1.7}, "response.ik.person: got 1.7, allowed a valid string"),
-        ({"person": ["me.toml"]}, "response.ik.person: got ['me.toml'], allowed a valid string"),
+        ({"person": 1.7}, "response.ik.person: got 1.7, allowed a text"),
+        ({"person": ["me.toml"]}, "response.ik.person: got ['me.toml'], allowed a text"),
         ({"person": "none.toml"}, "person file: none.toml cannot be read: No such file"),
         ({"person": "people"}, "person file: people: is a directory, allowed a file"),
         ({"person": ""}, "person file: got '', allowed a file"),

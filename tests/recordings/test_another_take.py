@@ -44,10 +44,16 @@ def test_the_same_person(work: Path, tmp_path: Path) -> None:
 def test_somebody_else(work: Path, tmp_path: Path) -> None:
     lengths = {"thigh": 0.52, "upper_arm": 0.22, "trunk": 0.40}
     other = table(tmp_path / "other.csv", standing(Body(lengths=BODY.lengths | lengths)))
-    with pytest.raises(
-        RecordingError, match=r"work.csv: neutral: got a skeleton with other prop.* %"
-    ):
+    words = (
+        r"work.csv: neutral: got a skeleton with other proportions \([a-z ]* [0-9]+ % off{}\),"
+        r" allowed that of the same person, a time of this recording, or vertical$"
+    )
+    with pytest.raises(RecordingError, match=words.format("")):
         load_recording(work, up="z", neutral=other)
+    # Where the unit is known, both lengths are told.
+    sizes = r": 0\.[0-9]{2} m here, 0\.[0-9]{2} m there"
+    with pytest.raises(RecordingError, match=words.format(sizes)):
+        load_recording(work, up="z", neutral=other, unit_to_m=1.0)
 
 
 @pytest.mark.parametrize(("tilt", "fine"), [(8.0, True), (20.0, False)])

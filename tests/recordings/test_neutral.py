@@ -15,7 +15,7 @@ from ergoqp.recordings import Recording, fit_postures, load_recording
 from ergoqp.recordings.bvh.write import write_bvh
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.leaning import leans, straightened
-from ergoqp.recordings.fitting.neutral import neutral_of, t_poses
+from ergoqp.recordings.fitting.neutral import neutral_of, stated_neutral, t_poses
 
 TRUNK = INDEX["trunk_flexion"]
 
@@ -221,3 +221,12 @@ def test_without_legs_or_neck_nothing_is_said() -> None:
             centre: path for centre, path in leaning(places, 20.0).items() if centre not in lost
         }
         assert neutral_of(rest, {}, time).trunk == 0.0
+
+
+@pytest.mark.parametrize(("lean", "said"), [(10.0, "forward"), (-10.0, "backward")])
+def test_a_lean_is_told_with_its_direction(lean: float, said: str) -> None:
+    places = leaning(walk()[0], lean)
+    frames = np.ones(len(places["neck"]), dtype=bool)
+    sentence = stated_neutral(places, frames, "at 2 s").sentence
+    assert f"the skeleton's trunk leans {said} by 10 deg there, and its neck " in sentence
+    assert "ward by -" not in sentence

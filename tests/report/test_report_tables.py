@@ -13,7 +13,7 @@ from ergoqp.errors import MissingExtraError
 from ergoqp.report.run_facts import facts_of
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.score_page import write_score_page
-from ergoqp.report.scores import write_scores
+from ergoqp.report.scores import summary_of, write_scores
 from ergoqp.report.tables import run_table, score_table
 from ergoqp.sheets import reba
 
@@ -56,10 +56,14 @@ def test_facts_follow_from_the_arrays(run):
     assert run.reba[np.searchsorted(run.time, facts.best_at)] == facts.best
     assert facts.settled_after == pytest.approx(0.8 * 6, abs=0.05)
     assert facts.change == f"{facts.before} to {facts.after}."
-    alone = facts_of(replace(run, reba_standing_still=4))
+    alone = facts_of(replace(run, reba_standing_still=facts.before + 1))
     assert alone.change == (
-        f"4 to {facts.after} by moving the object: {facts.before} at the start, 4 had the object"
-        " stayed where it was."
+        f"{facts.before + 1} to {facts.after} by moving the object: {facts.before} at the start,"
+        f" {facts.before + 1} had the object stayed where it was."
+    )
+    same = facts_of(replace(run, reba_standing_still=facts.before))
+    assert same.change == (
+        f"{facts.before} to {facts.after} by moving the object ({facts.before} had it stayed)."
     )
     assert facts.costs == "nothing"
     worse = facts_of(replace(run, assessment=reba.assess(run.postures[:1]), reba=run.reba[:1]))
@@ -75,6 +79,23 @@ def test_score_table_names_the_worst_frame(recording):
     assert f"{assessment.valid.sum()} of {len(recording.time)} scored" in text
     assert f"max {assessment.final.max()}" in text
     assert assessment.reasons(int(assessment.final.argmax()))[0] in text
+
+
+def test_frames_with_the_score_of_the_worst_are_counted(recording, tmp_path):
+    assessment = reba.assess(recording.scored_postures)
+    highest = int(assessment.final.max())
+    first = int(assessment.final.argmax())
+    for others in (0, 3):
+        final = np.where(assessment.valid, 1, 0)
+        usable = np.flatnonzero(assessment.valid & (np.arange(len(final)) >= first))
+        final[usable[: others + 1]] = highest
+        tied = replace(assessment, final=final)
+        worst = summary_of(recording, tied)["worst"]
+        assert (worst["frame"], worst["others"]) == (first, others)
+        where = f"rame {first} at {recording.time[first]:.2f} s{' and 3 more' if others else ''}:"
+        assert f"f{where}" in " ".join(printed(score_table(recording, tied)).split())
+        write_score_page(recording, tied, tmp_path / "score.html", [])
+        assert f"F{where}" in (tmp_path / "score.html").read_text(encoding="utf-8")
 
 
 def test_scores_as_files(recording, tmp_path):
@@ -157,9 +178,12 @@ def test_what_the_robot_did_stands_on_table_and_page_with_what_can_be_done(run, 
     assert f"<p>Messages during the run: {sentence}. D{hint}.</p>" in page
     bent = replace(
         run,
-        reasons=["left knee flexion by 4.0 deg, measured beyond its end, where it is held"] * steps,
+        reasons=[
+            "left knee flexion measured 4.0 deg beyond its range, held at the end of the range"
+        ]
+        * steps,
     )
     write_run_page(bent, tmp_path / "bent.html")
     page = (tmp_path / "bent.html").read_text(encoding="utf-8")
-    assert "<p>Messages during the run: left knee flexion by 4.0 deg" in page
+    assert "<p>Messages during the run: left knee flexion measured 4.0 deg" in page
     assert hint not in page

@@ -416,7 +416,7 @@ def test_a_side_wins_over_both_sides() -> None:
 @pytest.mark.parametrize(
     ("terms", "sentence"),
     [
-        ({"hands": ("left", "right")}, "hands: got"),
+        ({"hands": ("left", "left")}, "hands: got .*, allowed 'right', 'left' or both, each once"),
         ({"hands": ()}, "hands: got"),
         ({"stance": "kneeling"}, "stance: got 'kneeling', allowed 'standing' or 'seated'"),
         ({"tool": "pen"}, "tool: got 'pen', allowed one of along, thumb"),

@@ -617,7 +617,10 @@ def test_a_joint_outside_that_the_object_cannot_move_is_named_and_the_rest_goes_
     q = comfort_of("screwing")
     q[INDEX["neck_flexion"]] = UPPER[INDEX["neck_flexion"]] + np.radians(5)
     step = stepper_of("screwing").step(q, held_pose("screwing"))
-    assert "neck flexion by 5.0 deg, measured beyond its end, where it is held" in step.reason
+    assert (
+        "neck flexion measured 5.0 deg beyond its range, held at the end of the range"
+        in step.reason
+    )
     assert step.status not in ("braking", "invalid")
 
 
@@ -633,8 +636,8 @@ def test_a_working_joint_measured_outside_is_one_at_its_end() -> None:
             step = loop.step(q)
             assert step.status in ("optimal", "settled", "relaxed")
             assert (
-                "right wrist flexion by 6.0 deg, measured beyond its end, where it is held"
-                in step.reason
+                "right wrist flexion measured 6.0 deg beyond its range, held at the end of the"
+                " range" in step.reason
             )
             assert step.posture_rate[joint] <= 1e-9
             yields += "right_wrist_flexion" in step.locked

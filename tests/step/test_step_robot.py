@@ -184,9 +184,27 @@ def test_where_a_hold_is_declared_nothing_moves_without_a_measured_pose() -> Non
     assert [loop.step(q) for _ in range(20)][-1].twist.any()
     step = loop.step(q, pose=None)
     assert step.status == "braking"
-    assert "no pose" in step.reason
-    assert "hold on for up to 0.1 s" in step.reason
+    assert step.reason == "no pose, and the robot is declared to hold on for up to 0.1 s"
     assert not [loop.step(q, pose=None) for _ in range(60)][-1].twist.any()
+
+
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [
+        (DeclaredRobot(gain_error=0.05), "move by up to 5 % more or less than what it is sent"),
+        (DeclaredRobot(longest_hold=0.03), "hold on for up to 0.03 s"),
+        (
+            DeclaredRobot(gain_error=0.05, longest_hold=0.03),
+            "move by up to 5 % more or less than what it is sent, and to hold on for up to 0.03 s",
+        ),
+    ],
+)
+def test_only_what_is_declared_is_said_where_the_pose_is_missing(
+    robot: DeclaredRobot, said: str
+) -> None:
+    stepper = Stepper(problem_of("screwing").replace(robot=robot))
+    step = stepper.step(comfort_of("screwing"), None)
+    assert step.reason == f"no pose, and the robot is declared to {said}"
 
 
 @pytest.mark.parametrize("sent", [np.full(6, np.nan), np.full(6, 99.0), np.zeros(5), "fast"])

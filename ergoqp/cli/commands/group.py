@@ -101,7 +101,9 @@ def group(
 def group_table(found: GroupOptimum) -> RenderableType:
     """Return the result for the terminal: everybody at the place, and gains of adjustable axes."""
     x, y, z = np.round(found.pose[:3, 3], 2) + 0.0
-    title = Text(f"{found.title}: object at x {x:.2f}, y {y:.2f}, z {z:.2f} m ({found.objective})")
+    title = Text(
+        f"{found.title}: object at x {x:z.2f}, y {y:z.2f}, z {z:z.2f} m ({found.objective})"
+    )
     people = Table(box=None, pad_edge=False)
     for name in ("person", "REBA", "alone", "pays", "risk"):
         people.add_column(name, justify="left" if name in ("person", "risk") else "right")

@@ -138,10 +138,11 @@ def optimum_table(problem: Problem, found: list[Optimum]) -> Table:
     )
     poses = [first.pose_before, *(optimum.pose for optimum in found)]
     table.add_row(
-        "object x, y, z, m", *(", ".join(f"{value:.2f}" for value in pose[:3, 3]) for pose in poses)
+        "object x, y, z, m",
+        *(", ".join(f"{value:z.2f}" for value in pose[:3, 3]) for pose in poses),
     )
     table.add_row(
-        "tool axis", *(", ".join(f"{value:.2f}" for value in pose[:3, 0]) for pose in poses)
+        "tool axis", *(", ".join(f"{value:z.2f}" for value in pose[:3, 0]) for pose in poses)
     )
     table.add_row("optimality residual", "", *(plain(each.kkt_residual, 1) for each in found))
     reached = [

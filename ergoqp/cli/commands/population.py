@@ -94,7 +94,7 @@ def population_table(title: str, found: Sequence[Found]) -> Table:
         if best is None:
             table.add_row(Text(each.label), "–", "–", Text(each.note))
             continue
-        x, y, z = (f"{value:.2f}" for value in best.pose[:3, 3])
+        x, y, z = (f"{value:z.2f}" for value in best.pose[:3, 3])
         at_best = f"{each.starts_at_best} of {len(best.trials)}"
         residual = plain(best.kkt_residual, 1)
         table.add_row(
@@ -134,7 +134,7 @@ def _write(found: Sequence[Found], path: Path) -> None:
             if best is None:
                 writer.writerow([each.label, *[""] * (len(COLUMNS) - 1)])
                 continue
-            place = [f"{value:.4f}" for value in best.pose[:3, 3]]
+            place = [f"{value:z.4f}" for value in best.pose[:3, 3]]
             rest = [
                 f"{best.cost_after:.4f}",
                 f"{best.kkt_residual:.2e}",

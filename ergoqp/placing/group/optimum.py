@@ -127,8 +127,8 @@ class GroupOptimum:
         x, y, z = self.pose[:3, 3]
         return (
             f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest"
-            f" {self.maximum}, mean {self.mean:.2f} with the object at ({x:.2f}, {y:.2f},"
-            f" {z:.2f}) m)"
+            f" {self.maximum}, mean {self.mean:.2f} with the object at ({x:z.2f}, {y:z.2f},"
+            f" {z:z.2f}) m)"
         )
 
     def save(self, folder: str | Path) -> Path:

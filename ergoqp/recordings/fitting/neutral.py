@@ -164,11 +164,14 @@ def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> N
         lean = 0.0
     said = f"The person is taken to be straight {when}"
     if max(abs(lean), abs(nod)) > math.radians(0.5):
-        said += (
-            f": the skeleton's trunk leans forward by {math.degrees(lean):.0f} deg there, and its"
-            f" neck by {math.degrees(nod):.0f} deg"
-        )
+        said += f": the skeleton's trunk leans {_way(lean)} there, and its neck {_way(nod)}"
     return Neutral(lean, nod, f"{said}.")
+
+
+def _way(lean: float) -> str:
+    """Return a lean in words; as 0 deg, it is forward."""
+    degrees = round(math.degrees(lean))
+    return f"{'backward' if degrees < 0 else 'forward'} by {abs(degrees)} deg"
 
 
 def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:

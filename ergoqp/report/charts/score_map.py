@@ -132,7 +132,7 @@ def _cell(value: float, x: float, y: float, cell: float, words: str) -> list[str
 
 
 def _words(value: float) -> str:
-    return f"{value:.1f}".removesuffix(".0")
+    return f"{value:z.1f}".removesuffix(".0")
 
 
 def _axes(x: Scale, y: Scale, right: float, bottom: float, x_label: str, y_label: str) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.answer.account import Account
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
@@ -91,7 +92,8 @@ def reason_of(
         elif returns[i]:
             why = "and did not come back in twice the time that this should take: given up"
         else:
-            why = "measured beyond its end, where it is held"
+            parts.append(_held(names[i], margins[i]))
+            continue
         parts.append(f"{beyond(i)}, {why}")
     return "; ".join([*parts, *log])
 
@@ -129,12 +131,7 @@ def _cause(
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
-        Cause.unmeasured: (
-            "no pose, and the robot is declared to move by up to "
-            f"{100 * problem.robot.gain_error:g} % more or less than what it is sent"
-            + f", and to hold on for up to {problem.robot.longest_hold:g} s"
-            * bool(problem.robot.longest_hold)
-        ),
+        Cause.unmeasured: f"no pose, and the robot is declared to {_unmeasured(problem.robot)}",
         Cause.halted: "comes to rest before it moves again",
         Cause.asked: "asked to brake",
         Cause.long_period: (
@@ -146,6 +143,17 @@ def _cause(
             "give the stepper its own dt"
         ),
     }[cause]
+
+
+def _unmeasured(robot: DeclaredRobot) -> str:
+    """Return what a robot may do that only a measured pose shows."""
+    said = []
+    if robot.gain_error:
+        share = f"{100 * robot.gain_error:g}"
+        said.append(f"move by up to {share} % more or less than what it is sent")
+    if robot.longest_hold:
+        said.append(f"hold on for up to {robot.longest_hold:g} s")
+    return ", and to ".join(said)
 
 
 def _bad_posture(problem: Problem, posture: np.ndarray) -> str:
@@ -169,3 +177,11 @@ def _beyond(limit: Limit, name: str, margin: float) -> str:
     if name in JOINTS:
         return f"{spoken(name)} by {np.degrees(-margin):.1f} deg"
     return f"{name} by {-margin:.3g}"
+
+
+def _held(name: str, margin: float) -> str:
+    """Return that a row was measured beyond its limit and is held there."""
+    if name in JOINTS:
+        beyond = f"{np.degrees(-margin):.1f} deg beyond its range"
+        return f"{spoken(name)} measured {beyond}, held at the end of the range"
+    return f"{name} measured {-margin:.3g} beyond its limit, held at the limit"
