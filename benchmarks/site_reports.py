@@ -26,7 +26,7 @@ FULL: Final = {
     "group": "group desk --people 1.55,1.70,1.85",
 }
 """Commands by the folder that they write to."""
-PEOPLE: Final = [sys.executable, "-m", "benchmarks.people", "--problems", "desk", "--out"]
+PEOPLE: Final = "--problems desk --kinds follower --page --out"
 
 
 @contextmanager
@@ -39,5 +39,6 @@ def write_reports(full: bool) -> Iterator[list[Path]]:
             words = [sys.executable, "-m", "ergoqp", *command.split(), "--out", out]
             subprocess.run(words, cwd=folder, check=True, capture_output=True)
         if full:
-            subprocess.run([*PEOPLE, folder / "people"], check=True, capture_output=True)
+            words = [sys.executable, "-m", "benchmarks.people", *PEOPLE.split(), folder / "people"]
+            subprocess.run(words, check=True, capture_output=True)
         yield sorted(folder.rglob("*.html"))
