@@ -93,7 +93,7 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
             "distance of every row to its nearer end, negative outside, in the row's unit",
             array=True,
         ),
-        Field("slack", rows, "violation of each soft row in the QP [its unit/s]", array=True),
+        Field("slack", rows, "violation of each row in the QP [its unit/s]", array=True),
         Field("multipliers", rows, "multiplier of each row in the QP", array=True),
         Field("outside", rows, "1 for rows that are outside and coming back", array=True),
         Field("locked", n, "1 for joints that are held at their end"),

@@ -6,9 +6,11 @@ through. Nothing else would notice before the checker of a simulation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+import weakref
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -17,7 +19,11 @@ from scipy.spatial.transform import Rotation
 from ergoqp.errors import ProblemError
 from ergoqp.limits.limit import Limit, Rows, Situation
 
-_PLACES: Final = 8
+_PLACES: Final = 12
+"""Number of places where people work, and of places farther away."""
+_NEAR: Final = ((0.2, -0.4, 0.5), (0.8, 0.4, 1.7))
+_WIDE: Final = ((-0.8, -0.8, 0.3), (0.8, 0.8, 1.8))
+"""Corners of the boxes in which the object is tried [m]."""
 _STEP: Final = 1e-5
 """Step of the central differences [m, rad]."""
 _FAR: Final = 0.05
@@ -49,6 +55,59 @@ class _Place:
         return replace(self, posture=self.posture + self.sensitivity @ displacement, pose=pose)
 
 
+@dataclass(frozen=True)
+class _Told:
+    """What a limit says at a place.
+
+    Attributes:
+        matrix: rates of the rows (m, 6).
+        ends: distances to the lower and the upper ends (2 m,).
+        fewer: the same with 1 of each lost.
+        shifted: the same with the posture shifted.
+        margins: margins of the rows after the displacement (m,).
+        margins_of_fewer: margins at rest with 1 of each distance lost (m,).
+        rate: largest rates (m,).
+        reserve: reserves (m,).
+    """
+
+    matrix: np.ndarray
+    ends: np.ndarray
+    fewer: np.ndarray
+    shifted: np.ndarray
+    margins: np.ndarray
+    margins_of_fewer: np.ndarray
+    rate: np.ndarray
+    reserve: np.ndarray
+
+    @staticmethod
+    def least(ends: np.ndarray) -> np.ndarray:
+        """Return the distance of each row to its nearer end (m,)."""
+        return np.minimum(*np.split(ends, 2))
+
+
+_SEEN: Final[dict[tuple[int, int], weakref.ref[Any]]] = {}
+"""Limits that were judged, by identity and size of the state: a problem is often made anew."""
+
+
+def judge_rates(limit: Limit, situation: Situation) -> None:
+    """Judge a limit by `OwnRates`, once for the same object.
+
+    Args:
+        limit: a limit whose rows have the right shapes.
+        situation: a symbolic situation with nothing under way.
+
+    Raises:
+        ProblemError: if it is wrong.
+    """
+    key = id(limit), situation.posture.numel()
+    known = _SEEN.get(key)
+    if known is not None and known() is limit:
+        return
+    OwnRates(limit, situation).judge()
+    with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
+        _SEEN[key] = weakref.ref(limit, lambda _: _SEEN.pop(key, None))
+
+
 class OwnRates:
     """The rows of one limit as a function of a place, and what they must satisfy.
 
@@ -71,11 +130,15 @@ class OwnRates:
             here = replace(here, readings={self.first: readings})
         lost = replace(here, lost={self.first: (ca.SX.ones(m), ca.SX.ones(m))})
         rows, fewer = limit.rows(here), limit.rows(lost)
+        directions = np.random.default_rng(1).normal(size=(6, 6))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        self._directions = np.concatenate([np.eye(6), directions])
         shifted = limit.rows(replace(here, shift=shift))
         # A hard limit of a state that the twist moves directly knows of no object under way.
         self._of_object = limit.hard and ca.depends_on(ca.vertcat(*_ends(rows)), here.pose)
         outputs = [rows.matrix, *_ends(rows), *_ends(fewer), *_ends(shifted)]
-        outputs.append(limit.margins(here, displacement))
+        outputs += [limit.margins(here, displacement), limit.margins(lost, ca.SX(6, 1))]
+        outputs += [rows.rate, rows.reserve]
         symbols = [here.posture, here.pose, sensitivity, readings, shift, displacement]
         self._rows = ca.Function("rows", symbols, [ca.densify(each) for each in outputs])
 
@@ -83,83 +146,96 @@ class OwnRates:
         """Check the rows at some places.
 
         Raises:
-            ProblemError: if margins are wrong at one of the places, or rows at most of them. Rows
-                may have edges at which no derivative exists.
+            ProblemError: if margins are wrong at one of the places, or rows at two of them. Rows
+                may have edges, at which no derivative exists.
         """
         found = [set(self._wrong(place)) for place in self._places()]
         for words in sorted(set().union(*found)):
             count = sum(words in each for each in found)
-            if 2 * count > len(found) or words.startswith("margins"):
+            if count > 1 or words.startswith("margins"):
                 raise ProblemError(f"limits: rows of {self.first}: got {words}")
 
     def _places(self) -> Iterator[_Place]:
         rng, n = np.random.default_rng(0), self._rows.numel_in(0)
-        for _ in range(_PLACES):
+        for corners in (_NEAR, _WIDE) * _PLACES:
             pose = np.eye(4)
             pose[:3, :3] = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
-            pose[:3, 3] = rng.uniform([-0.8, -0.8, 0.3], [0.8, 0.8, 1.8])
+            pose[:3, 3] = rng.uniform(*corners)
             yield _Place(rng.uniform(-0.3, 0.3, n), pose, rng.normal(size=(n, 6)))
 
     def _wrong(self, place: _Place) -> Iterator[str]:
         """Yield what is wrong at a place, in words that are the same at every place."""
-        matrix, ends, fewer, _, margins = self._at(place)
-        finite = np.isfinite(ends)
-        if self._of_object and not np.allclose(fewer[finite], ends[finite] - 1):
+        (here,) = self._at([place])
+        finite = np.isfinite(here.ends)
+        if (here.rate < 0).any() or (here.reserve < 0).any():
+            yield "a negative rate or reserve, allowed 0 or more"
+        if self._of_object and not np.allclose(here.fewer[finite], here.ends[finite] - 1):
             yield (
                 "distances that do not become smaller by situation.lost, allowed rows that are"
                 f" returned through situation.counted({self.first!r}, rows)"
             )
-        rates = np.concatenate([matrix, -matrix])
-        for axis in np.eye(6):
-            further, before = (self._at(place.moved(s * _STEP * axis))[1] for s in (1, -1))
-            known = np.isfinite(further) & np.isfinite(before)
-            true = (further[known] - before[known]) / (2 * _STEP)
+        if (here.margins > here.least(here.ends) + _ROUNDING).any():
+            yield "margins above the distances at rest, allowed at most min(below, above)"
+        elif (here.margins_of_fewer > here.least(here.fewer) + _ROUNDING).any():
+            yield "margins that do not become smaller by situation.lost, allowed those of the rows"
+        rates = np.concatenate([here.matrix, -here.matrix])
+        steps = _STEP * np.concatenate([np.eye(6), -np.eye(6)])
+        around = self._at([place.moved(step) for step in steps])
+        for axis, further, before in zip(np.eye(6), around[:6], around[6:], strict=True):
+            known = np.isfinite(further.ends) & np.isfinite(before.ends)
+            true = (further.ends[known] - before.ends[known]) / (2 * _STEP)
             if not np.allclose(rates[known] @ axis, true, rtol=_EXACT, atol=_EXACT):
                 yield "a matrix that is not the derivative of the distances, allowed their rates"
                 return
-        if not self.limit.hard:
-            step = np.full(len(place.posture), 1e-2)
-            there = self._at(replace(place, posture=place.posture + step))[1]
-            if not np.allclose(self._at(place, shift=step)[3][finite], there[finite]):
-                yield "distances without situation.shift, allowed posture + shift in them"
+        if self.limit.hard:
+            yield from self._optimistic(place)
             return
-        m = len(self.limit.names)
-        least = np.minimum(ends[:m], ends[m:])
-        if (margins > least + _ROUNDING).any():
-            yield "margins above the distances at rest, allowed at most min(below, above)"
-        for sign in (1, -1):
-            for axis in np.eye(6):
-                far = sign * _FAR * axis
-                there = self._at(place.moved(far))[1]
-                beyond = np.minimum(there[:m], there[m:]) + _ROUNDING
-                if (self._at(place, displacement=far)[4] > beyond).any():
-                    yield (
-                        "margins above those that the object has after the displacement, allowed"
-                        " lower bounds: curved rows bend along it"
-                    )
-                    return
+        step = np.full(len(place.posture), 1e-2)
+        (there,) = self._at([replace(place, posture=place.posture + step)])
+        (told,) = self._at([place], shift=step)
+        if not np.allclose(told.shifted[finite], there.ends[finite]):
+            yield "distances without situation.shift, allowed posture + shift in them"
+
+    def _optimistic(self, place: _Place) -> Iterator[str]:
+        """Yield a sentence if a margin exceeds that after the displacement."""
+        ways = _FAR * np.concatenate([self._directions, -self._directions])
+        there = self._at([place.moved(way) for way in ways])
+        promised = self._at([place] * len(ways), displacements=ways)
+        if any(
+            (promise.margins > after.least(after.ends) + _ROUNDING).any()
+            for promise, after in zip(promised, there, strict=True)
+        ):
+            yield (
+                "margins above those that the object has after the displacement, allowed lower"
+                " bounds: curved rows bend along it"
+            )
 
     def _at(
         self,
-        place: _Place,
+        places: Sequence[_Place],
         shift: np.ndarray | None = None,
-        displacement: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return matrix (m, 6), ends (2 m,), those with less and shifted, and margins (m,)."""
-        readings = [] if self._measure is None else self._measure(place.posture)
-        found = self._rows(
-            place.posture,
-            place.pose,
-            place.sensitivity,
-            readings,
-            np.zeros(len(place.posture)) if shift is None else shift,
-            np.zeros(6) if displacement is None else displacement,
-        )
-        matrix, *parts, margins = (np.array(each) for each in found)
-        pairs = [
-            np.concatenate([a, b]).ravel() for a, b in zip(parts[::2], parts[1::2], strict=True)
+        displacements: np.ndarray | None = None,
+    ) -> list[_Told]:
+        """Return what the limit says at some places, in one call."""
+        count, measure = len(places), self._measure
+        inputs = [
+            np.stack([place.posture for place in places], axis=1),
+            np.hstack([place.pose for place in places]),
+            np.hstack([place.sensitivity for place in places]),
+            []
+            if measure is None
+            else np.hstack([np.array(measure(place.posture)).reshape(-1, 1) for place in places]),
+            np.zeros((len(places[0].posture), count)) if shift is None else shift[:, np.newaxis],
+            np.zeros((6, count)) if displacements is None else displacements.T,
         ]
-        return matrix, pairs[0], pairs[1], pairs[2], margins.ravel()
+        matrices, *columns = (np.array(each) for each in self._rows.map(count)(*inputs))
+        told = []
+        for number in range(count):
+            matrix = matrices[:, 6 * number : 6 * number + 6]
+            flat = [column[:, number] for column in columns]
+            pairs = [np.concatenate(flat[at : at + 2]) for at in (0, 2, 4)]
+            told.append(_Told(matrix, *pairs, *flat[6:]))
+        return told
 
 
 def _ends(rows: Rows) -> tuple[ca.SX, ca.SX]:

@@ -18,7 +18,7 @@ from ergoqp.limits.arm_length import ArmLength
 from ergoqp.limits.joints import JointLimit
 from ergoqp.limits.limit import Limit, Situation, Surface
 from ergoqp.limits.one_class_boundary import OneClassBoundary
-from ergoqp.limits.own_rates import OwnRates
+from ergoqp.limits.own_rates import judge_rates
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
 _ROUNDING = 1e-6
@@ -128,7 +128,7 @@ class OwnLimits:
                     f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed"
                     f" {allowed}"
                 )
-            OwnRates(limit, self._place()).judge()
+            judge_rates(limit, self._place())
 
     def _margins_of(self, limit: Limit) -> int:
         place, measure = self._place(), limit.measure()

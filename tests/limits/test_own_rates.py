@@ -15,6 +15,7 @@ from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Rows, Situation
 from ergoqp.limits.limit import straight_margins
+from ergoqp.limits.own_rates import OwnRates
 from ergoqp.responses import LinearResponse
 
 
@@ -40,6 +41,9 @@ class Own:
         free = ca.DM([ca.inf])
         rows = Rows(self.sign * matrix, free, above, free, ca.DM.zeros(1))
         return situation.counted(self.names[0], rows) if self.counts else rows
+
+    def rows(self, situation: Situation) -> Rows:
+        raise NotImplementedError
 
     def margins(self, situation: Situation, displacement: Any) -> Any:
         return straight_margins(self.rows(situation), displacement)
@@ -86,6 +90,46 @@ class Wrist(Own):
         return Rows(self.sign * matrix, free, 0.3 - angle, free, ca.DM.zeros(1))
 
 
+class Saddle(Own):
+    """A product of two coordinates stays below a value: curved along diagonals alone."""
+
+    def rows(self, situation: Situation) -> Rows:
+        x, y = situation.pose[0, 3], situation.pose[1, 3]
+        return self.told(situation, ca.horzcat(y, x, ca.SX(1, 4)), 0.2 - x * y)
+
+
+class WrongWhereOneWorks(Own):
+    """A ceiling whose sign is wrong in a part of the space."""
+
+    def rows(self, situation: Situation) -> Rows:
+        x, y, z = ca.vertsplit(situation.pose[:3, 3])
+        here = ca.logic_and(ca.logic_and(x > 0.3, x < 0.6), ca.fabs(y) < 0.2)
+        matrix = ca.horzcat(ca.SX(1, 2), ca.if_else(here, -1, 1), ca.SX(1, 3))
+        return self.told(situation, matrix, 1.3 - z)
+
+
+class Uncounted(Ceiling):
+    """Its rows are counted, its margins are not."""
+
+    def margins(self, situation: Situation, displacement: Any) -> Any:
+        return 1.3 - situation.pose[2, 3] - ca.fmax(displacement[2], 0)
+
+
+class Carefree(Wrist):
+    """A posture row with a margin that is always the same."""
+
+    def margins(self, situation: Situation, displacement: Any) -> Any:
+        return ca.SX(1) * 10
+
+
+class Eager(Ceiling):
+    """A row with a negative reserve."""
+
+    def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
+        rows = super().told(situation, matrix, above)
+        return Rows(rows.matrix, rows.below, rows.above, rows.rate, ca.DM([-0.1]))
+
+
 def with_limit(limit: Any) -> ergoqp.Problem:
     problem = ergoqp.load_problem("screwing")
     return problem.replace(limits=[*problem.limits, limit])
@@ -114,6 +158,11 @@ def test_regions_of_the_package_are_taken(region: Any) -> None:
         (Wrist(counts=False, hard=False), "distances without situation.shift"),
         (Tool(), "margins above those that the object has after the displacement"),
         (InBall(), "margins above those that the object has after the displacement"),
+        (Saddle(), "margins above those that the object has after the displacement"),
+        (WrongWhereOneWorks(), "a matrix that is not the derivative"),
+        (Uncounted(), "margins that do not become smaller by situation.lost"),
+        (Carefree(hard=False), "margins above the distances at rest"),
+        (Eager(), "a negative rate or reserve"),
     ],
 )
 def test_one_that_contradicts_itself_is_refused(limit: Own, words: str) -> None:
@@ -144,12 +193,21 @@ def test_margins_at_rest_are_at_most_the_distances() -> None:
 def test_a_boundary_that_believes_its_slope_is_refused() -> None:
     case = draw_case(6, np.random.default_rng(4))
     response = LinearResponse(case.model.coordinates.names, largest=100.0)
+    edge: Any = FirstOrder(case.model, hard=True, name="edge")
     with pytest.raises(ProblemError, match="margins above those that the object has"):
         ergoqp.Problem(
             cost=Outward(case.model),
             response=response,
-            limits=[
-                ergoqp.load_problem("forearm").twist_limit,
-                FirstOrder(case.model, hard=True, name="edge"),
-            ],
+            limits=[ergoqp.load_problem("forearm").twist_limit, edge],
         )
+
+
+def test_the_same_limit_is_judged_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    judged = []
+    monkeypatch.setattr(OwnRates, "judge", lambda self: judged.append(self.limit))
+    limit = Ceiling()
+    problem = with_limit(limit)
+    problem.replace(title="another")
+    assert judged == [limit]
+    with_limit(Ceiling())
+    assert len(judged) == 2

@@ -48,7 +48,7 @@ def plain(sent: np.ndarray, seen: np.ndarray, changes: np.ndarray) -> tuple[int,
         return Fault.another_axis, 0.0
     if late > 0 and late * np.linalg.norm(changes) > abs(gain - 1) * np.linalg.norm(sent):
         return Fault.late, late
-    return (Fault.stands_still, 0.0) if gain < 0.15 else (Fault.factor, gain)
+    return (Fault.stands_still, 0.0) if abs(gain) < 0.15 else (Fault.factor, gain)
 
 
 @pytest.mark.parametrize("seed", range(120))
@@ -56,7 +56,10 @@ def test_the_fault_that_fits_best_is_named(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sent = np.cumsum(rng.normal(0, 1e-4, (20, 6)), axis=0) + rng.normal(0, 1e-3, 6)
     changes = 50 * np.diff(sent, axis=0, prepend=sent[:1]) if seed % 4 else np.zeros((20, 6))
-    gain, late = rng.choice([0.0, 0.1, 0.2, 0.5, 1.0, 1.3]), rng.choice([0.0, 0.01, 0.05])
+    gain, late = (
+        rng.choice([-1.0, -0.1, 0.0, 0.1, 0.2, 0.5, 1.0, 1.3]),
+        rng.choice([0.0, 0.01, 0.05]),
+    )
     seen = gain * sent - late * changes + rng.normal(0, 1e-6, sent.shape)
     if seed % 7 == 3:
         seen = seen[:, [1, 2, 0, 4, 5, 3]]
@@ -77,6 +80,9 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
     none = np.zeros((10, 6))
     assert of(sent, 1.4 * sent, none) == (Fault.factor, pytest.approx(1.4))
     assert of(sent, 0.1 * sent, none)[0] == Fault.stands_still
+    assert of(sent, -0.1 * sent, none)[0] == Fault.stands_still
+    assert of(sent, -0.5 * sent, none) == (Fault.factor, pytest.approx(-0.5))
+    assert fault_sentence(Fault.factor, -0.5) == "robot: moves backward, 0.5 times what was sent"
     assert of(sent, sent[:, ::-1], none)[0] == Fault.another_axis
     assert of(none, sent, none)[0] == Fault.unasked
     assert of(sent + rising, sent + rising - 0.02 * changes, changes) == (

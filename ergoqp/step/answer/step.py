@@ -118,7 +118,10 @@ class Step:
 
     @cached_property
     def slack(self) -> dict[str, float]:
-        """By how much each soft row was missed, in its unit per second; only missed rows."""
+        """By how much the QP missed a row, in its unit per second; only missed rows.
+
+        Of a row of the object it only means that coming back was asked for faster than possible.
+        """
         values = self.account("slack").tolist()
         return {
             name: value

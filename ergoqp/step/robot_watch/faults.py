@@ -40,8 +40,9 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
     along = ca.dot(y, Y) / ca.fmax(ca.dot(Y, Y), 1e-18)
     aside = ca.norm_2(y - along * Y) > 0.5 * ca.norm_2(Y)
     is_late = ca.logic_and(late > 0, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
+    still = ca.fabs(gain) < 0.15
     other = ca.if_else(
-        gain < 0.15, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain)
+        still, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain)
     )
     other = ca.if_else(is_late, ca.vertcat(int(Fault.late), late), other)
     other = ca.if_else(aside, ca.vertcat(int(Fault.another_axis), 0), other)
@@ -52,6 +53,8 @@ def fault_sentence(kind: int, amount: float) -> str:
     """Return the sentence of a fault."""
     if kind == Fault.factor and abs(amount - 1) < _SAME:
         return "robot: drifts from what was sent"
+    if kind == Fault.factor and amount < 0:
+        return f"robot: moves backward, {-amount:.3g} times what was sent"
     return {
         Fault.stands_still: "robot: stands still",
         Fault.factor: f"robot: moves {amount:.3g} times what was sent",
