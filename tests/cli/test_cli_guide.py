@@ -36,7 +36,7 @@ def test_a_run_is_told_the_place(ergoqp, tmp_path, optimum):
     np.testing.assert_allclose(place["position_m"], found.pose[:3, 3])
     assert np.linalg.norm(place["quaternion_xyzw"]) == pytest.approx(1)
     assert place["promise"] == pytest.approx(float(load_problem("desk").cost(found.posture)[0]))
-    assert "is given the place" in " ".join(outcome.out.split())
+    assert "The guide is the place" in " ".join(outcome.out.split())
 
 
 def test_the_best_place_is_looked_for(ergoqp, tmp_path):

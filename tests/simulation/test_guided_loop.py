@@ -86,7 +86,7 @@ def test_a_run_tells_its_place() -> None:
     assert summary_of_run(led("alone"))["guide"] is None
     guided = led("worse")
     assert any(
-        "is given the place (0.20, 0.18, 1.98) m" in sentence for sentence in guided.assumptions
+        "guide is the place (0.20, 0.18, 1.98) m" in sentence for sentence in guided.assumptions
     )
     told = summary_of_run(guided)["guide"]
     assert told["position_m"] == pytest.approx([0.20, 0.18, 1.98])

@@ -365,7 +365,7 @@ def test_a_knee_that_is_read_beyond_its_range_drives_nothing() -> None:
         travelled[beyond] = float(np.sum([np.linalg.norm(step.twist[:3]) * 0.01 for step in steps]))
         assert {step.status for step in steps} <= {"optimal", "settled", "relaxed"}
         assert steps[-1].status == "settled"
-        named = "right knee flexion by" in steps[-1].reason
+        named = "right knee flexion measured" in steps[-1].reason
         assert named == (beyond > 2)
     assert max(travelled.values()) <= travelled[0.0] + 0.005
 

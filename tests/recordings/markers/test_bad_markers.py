@@ -67,13 +67,13 @@ CHEST = ("C7", "CLAV", "T10", "STRN", "RBAK")
 
 @pytest.mark.parametrize("name", ["LASI", "RPSI", "C7", "LBHD"])
 def test_of_what_moves_as_one_it_is_said(name: str) -> None:
-    # Where nothing but the three others tell it: without markers of limbs no body is fitted.
+    # Nothing but the others of its segment tells it.
     kept = [i for i, each in enumerate(NAMES) if each[1:] in RIGID or each in CHEST]
     places = PLACES[:, kept].copy()
     names = tuple(NAMES[i] for i in kept)
     places[WALKS, names.index(name)] = np.nan
     recording = read(places, names)
-    assert "are placed by those" in said(recording)
+    assert "lost markers are estimated from the others" in said(recording)
 
 
 RIGID = ("ASI", "PSI", "FHD", "BHD", "SHO", "ELB", "WRA", "WRB", "KNE", "ANK", "THI")
