@@ -144,8 +144,21 @@ def test_a_limit_that_agrees_with_itself_is_taken(limit: Own) -> None:
     "region",
     [Ball((0.1, 0.0, 1.6), 0.2), Box((0.0, 0.0, 0.0), (1.0, 1.0, 0.3)), HalfSpace((1, 2, 3), -1.0)],
 )
-def test_regions_of_the_package_are_taken(region: Any) -> None:
-    assert "away" in with_limit(KeepOut(region, name="away")).row_names
+def test_regions_of_the_package_agree_with_themselves(region: Any) -> None:
+    limit: Any = KeepOut(region, name="away")
+    OwnRates(limit, with_limit(limit).own_limits._place()).judge()
+
+
+def test_a_region_of_a_user_is_tried() -> None:
+    class Turned(Ball):
+        """A ball whose direction leads inward."""
+
+        def nearest(self, point: Any) -> tuple[Any, Any]:
+            distance, direction = super().nearest(point)
+            return distance, -direction
+
+    with pytest.raises(ProblemError, match="a matrix that is not the derivative"):
+        with_limit(KeepOut(Turned((0.1, 0.0, 1.6), 0.2), name="away"))
 
 
 @pytest.mark.parametrize(
