@@ -60,13 +60,15 @@ def watch_blocks(problem: Problem) -> dict[str, Sizes]:
     # The turn of the object by what was sent since it stood still. Turns do not commute, and
     # differences of consecutive noisy poses would add up to a random walk.
     turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
+    # By how much the turn of a late robot differs from that, as turns do not commute.
+    area = {"area": (3, 1)} if turn and problem.robot.owes else {}
     # For the same reason, without ``turned``: the angle by which the object was turned by what was
     # sent since it was measured.
     blind = {"blind": (1, 1)} if problem.robot.owes and not turn else {}
     # The part of one hold that may be unseen in the comparison, in addition to noise.
     slip = {"slip": (6, 1)} if problem.robot.longest_hold and not problem.robot.owes else {}
     return {
-        "compared": COMPARED | held | slip | turn | blind,
+        "compared": COMPARED | held | slip | turn | area | blind,
         "story": STORY,
         "said": SAID,
         "account": ACCOUNT,
