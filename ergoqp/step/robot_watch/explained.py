@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set, largest
+from ergoqp.expressions.rigid import turned
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
 from ergoqp.step.packing import joined, split
@@ -67,6 +68,9 @@ def explained_function(model: StepModel) -> ca.Function:
         "parked",
         "enable",
         "now_rests",
+        "now_seen",
+        "stored",
+        "pose",
         "story",
         "said",
     )
@@ -87,6 +91,8 @@ def explained_function(model: StepModel) -> ca.Function:
     if robot.owes:
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}
         kept["due"] = ca.horzcat(now["up"], now["down"])
+    led = _led_aside(now)
+    reported, kept = reported | led, kept | led
     told_now = ca.if_else(told, joined(REPORTED, reported), joined(REPORTED, kept))
     named = _named(problem, now, signs[1])
     fault = ca.if_else(faulty, named.pop("fault"), 0)
@@ -151,6 +157,29 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
         "due": due,
     }
     return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
+
+
+def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """Return how far the reported twist leads from the computed pose since one was measured."""
+    fresh, before, after = now["now_seen"] >= now["since"], now["stored"], now["pose"]
+    told = ca.logic_and(now["told"], ca.logic_and(now["started"], ca.logic_not(now["measured"])))
+    way = now["executed"] * now["lasted"]
+    aside = ca.if_else(fresh, 0, now["aside"] + told * (way[:3] - now["went"][:3]))
+    also = ca.if_else(fresh, ca.SX.eye(3), now["turned_aside"])
+    turned_aside = ca.if_else(
+        told, after[:3, :3].T @ turned(way[3:], before[:3, :3]) @ also, also
+    )
+    # |R - I| = sqrt(8) sin(angle / 2)
+    sine = ca.sqrt(ca.sumsqr(ca.vec(turned_aside - ca.SX.eye(3))) / 8)
+    angle = 2 * ca.asin(ca.fmin(sine, 1))
+    off = ca.vertcat(ca.fmax(aside, 0), ca.fmax(-aside, 0), angle)
+    farthest = ca.fmax(off, ca.if_else(fresh, 0, now["farthest"]))
+    return {
+        "aside": aside,
+        "turned_aside": turned_aside,
+        "farthest": farthest,
+        "since": now["now_seen"] + 1,
+    }
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:

@@ -22,6 +22,10 @@ COMPARED: Final = {
     "halted": (1, 1),  # 1 until it has come to rest
     "rests": (1, 1),  # how often it has come to rest, or was not enabled
     "begun": (1, 1),  # 1 while it stands still and the poses are compared from there
+    "seen": (1, 1),  # how many poses were measured
+    "latched": (1, 1),  # 1 from a fault without a measured pose until one is measured, or `try_again`
+    "doubted": (1, 1),  # 1 from such a fault until a pose is measured
+    "presumed": (1, 1),  # 1 while the pose is that of a posture, moved on
 }
 REPORTED: Final = {
     "drift": (6, 1),  # measured motion minus sent motion, by the reported twist
@@ -32,6 +36,12 @@ REPORTED: Final = {
     # what a declared robot still owed at the start of this, along each axis and against it
     "due": (6, 2),
     "rested": (1, 1),  # value of ``rests`` at that time
+    # since a pose was measured: from the computed position to that by the reported twist, and the
+    # turn between the two, in the axes of the computed one
+    "aside": (3, 1),
+    "turned_aside": (3, 3),
+    "farthest": (7, 1),  # see `ASTRAY`
+    "since": (1, 1),  # value of ``seen`` at that time, plus 1
 }
 NAMED: Final = {
     # since the fault began: sent motion, measured motion, change of the sent twist
@@ -45,10 +55,10 @@ SAID: Final = {
     "fault": (2, 1),  # a `Fault` and its amount
 }
 STORY: Final = {**REPORTED, **NAMED}
-ACCOUNT: Final = {
-    "short": (6, 2),  # motion that was sent and not reported yet, along each axis and against it
-    "ahead": (6, 1),  # by how much the integrated pose is ahead of the reported motion
-}
+ASTRAY: Final = 7
+"""Size of how far the object may be from its computed pose: along x, y and z and against them [m],
+and by what angle [rad].
+"""
 
 
 def watch_blocks(problem: Problem) -> dict[str, Sizes]:
@@ -71,7 +81,6 @@ def watch_blocks(problem: Problem) -> dict[str, Sizes]:
         "compared": COMPARED | held | slip | turn | area | blind,
         "story": STORY,
         "said": SAID,
-        "account": ACCOUNT,
     }
 
 

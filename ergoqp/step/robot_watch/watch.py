@@ -29,7 +29,6 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.packing import count, joined, split
 from ergoqp.step.robot_watch.explained import explained_function
 from ergoqp.step.robot_watch.memory import (
-    ACCOUNT,
     COMPARED,
     REPORTED,
     SAID,
@@ -86,7 +85,19 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
         "story": story,
         "said": said,
         "causes": found["all_causes"],
+        "astray": _astray(model, found["next_compared"], story),
     }
+
+
+def _astray(model: StepModel, compared: ca.MX, story: ca.MX) -> ca.MX:
+    """Return how far the object may be from its computed pose (7,), see `ASTRAY`.
+
+    After a fault without a measured pose the object may be anywhere between what was sent and what
+    was reported. A pose that was taken from a posture is as far off as is declared.
+    """
+    now, robot = split(model.blocks["compared"], compared), model.problem.robot
+    first = ca.DM([*[robot.pose_from_posture] * 6, np.radians(robot.pose_from_posture_deg)])
+    return now["doubted"] * split(STORY, story)["farthest"] + now["presumed"] * first
 
 
 def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
@@ -102,54 +113,18 @@ def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
     blocks["compared"]["most"] += _WIDE
     late = model.problem.robot.dead_time + model.problem.robot.lag
     blocks["story"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
-    blocks["account"]["short"] = blocks["story"]["due"]
     return {
         name: np.concatenate([part.ravel(order="F") for part in block.values()])
         for name, block in blocks.items()
     }
 
 
-def reckoned(robot: DeclaredRobot, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Return the motion of the last period (6,), as far as it is known without a measured pose.
-
-    The next account is returned with it.
-
-    The declared motion is integrated, not the noisy reported motion. Once the reported motion has
-    shown a fault, it is integrated instead, but only as far as it was sent, in this period or
-    before: a late robot does later what it has not done yet. What was integrated too much until
-    then is taken back. So a report never leads further than what was sent.
-
-    Args:
-        robot: declared robot.
-        given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed``
-            (6,), ``lasted`` [s], ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and
-            ``idled``, for how long nothing has been sent [s].
-    """
-    now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
-    known = ca.logic_or(
-        ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), is_set(now["fault"][0])
-    )
-    declared = now["sent"] * now["lasted"] + now["changed"]
-    # Before the pose is known, it is unknown for how long the object has moved.
-    sent = (1 + robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
-    most = now["short"] + ca.fmax(ca.horzcat(sent, -sent), 0)
-    way = ca.if_else(now["told"], now["executed"] * now["lasted"], declared)
-    parts = ca.fmin(ca.fmax(ca.horzcat(way, -way), 0), most)
-    done = parts[:, 0] - parts[:, 1]
-    moved = ca.if_else(ca.logic_and(now["told"], known), done - now["ahead"], declared)
-    forgiven = now["idled"] >= CALM + robot.dead_time + 3 * robot.lag
-    over = ca.logic_or(forgiven, ca.logic_and(now["parked"], ca.logic_not(known)))
-    short = ca.if_else(over, 0, most - parts)
-    anew = ca.logic_or(ca.logic_or(over, now["measured"]), ca.logic_not(now["started"]))
-    ahead = ca.if_else(anew, 0, now["ahead"] + moved - done)
-    return moved, joined(ACCOUNT, {"short": short, "ahead": ahead})
-
-
 def _compared(model: StepModel) -> ca.Function:
     """Return the function that compares the poses.
 
-    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests)``: the block, whether
-    there is a fault, the causes, the motion of the pose (6,), and how often it came to rest.
+    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests, now_seen)``: the block,
+    whether there is a fault, the causes, the motion of the pose (6,), how often it came to rest,
+    and how often it was measured.
 
     An interpreter pays for every scalar here in every step. So everything that is not needed to
     detect a fault is in `ergoqp.step.robot_watch.explained`.
@@ -270,18 +245,25 @@ def _compared(model: StepModel) -> ca.Function:
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
     faulty = ca.logic_or(found, ca.logic_and(is_set(now["fault"][0]), ca.logic_not(over)))
-    halted = ca.logic_or(
-        ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked))
-    )
+    # Without a measured pose nobody knows where a robot is that did something else. What it reports
+    # is no ground to move again on.
+    unseen_now = ca.logic_not(now["measured"])
+    latched = ca.logic_and(unseen_now, ca.logic_or(found, now["latched"]))
+    doubted = ca.logic_and(unseen_now, ca.logic_or(found, now["doubted"]))
+    presumed = ca.logic_and(unseen_now, ca.logic_or(ca.logic_not(now["started"]), now["presumed"]))
+    stops = ca.logic_or(ca.logic_or(faulty, latched), now["stop"])
+    halted = ca.logic_or(stops, ca.logic_and(now["halted"], ca.logic_not(parked)))
     rests = now["rests"] + ca.logic_or(comes_to_rest, ca.logic_not(enabled))
     begun = ca.logic_and(parked, ca.logic_or(now["begun"], begins))
-    block |= dict(
-        zip(COMPARED, (apart * (1 - again), least, most, calm, halted, rests, begun), strict=True)
-    )
-    resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
+    seen = now["seen"] + now["measured"]
+    kept = (apart * (1 - again), least, most, calm, halted, rests, begun)
+    block |= dict(zip(COMPARED, (*kept, seen, latched, doubted, presumed), strict=True))
+    resting = ca.logic_and(halted, ca.logic_not(stops))
+    waiting = ca.logic_and(latched, ca.logic_not(faulty))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
-    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
-    named = ["next_compared", "faulty", "all_causes", "went", "now_rests"]
+    causes += 2.0**Cause.latched * waiting
+    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests, seen]))
+    named = ["next_compared", "faulty", "all_causes", "went", "now_rests", "now_seen"]
     return ca.Function("compared_poses", list(given.values()), outputs, list(given), named)
 
 
