@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.joints import JOINTS
-from ergoqp.limits import TwistLimit, WorkspaceBox
+from ergoqp.limits import Limit, TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
@@ -95,13 +95,16 @@ class Directly:
         return ca.Function("contact", [q], [ca.densify(ca.SX.eye(4)), ca.densify(ca.SX.eye(4))])
 
 
-def driven_problem(robot: DeclaredRobot, speed: float = 0.8) -> Problem:
-    """Return a problem without walls, whose object goes where the posture says and never rests."""
+FAR: Final = WorkspaceBox((-50, -50, -50), (50, 50, 50))
+
+
+def driven_problem(robot: DeclaredRobot, walls: tuple[Limit, ...] = (FAR,)) -> Problem:
+    """Return a problem whose object goes where the posture says and never rests."""
     control = Control(comfort=0.0, stall_after=1e6, rest_below=0.0, move_above=0.0)
     return load_problem("screwing").replace(
         cost=Direction(),
         response=Directly(),
-        limits=[TwistLimit(angular_speed=speed), WorkspaceBox((-50, -50, -50), (50, 50, 50))],
+        limits=[TwistLimit(), *walls],
         control=control,
         robot=robot,
     )
@@ -134,7 +137,10 @@ def declarations(count: int, seed: int) -> Iterator[tuple[DeclaredRobot, list[st
 
 def true_robot(declared: DeclaredRobot, rng: np.random.Generator) -> RobotKind:
     """Return a robot with each declared value at zero, in the middle or at its end."""
-    share = lambda: float(rng.choice([0.0, 0.5, 1.0]))  # noqa: E731
+
+    def share() -> float:
+        return float(rng.choice([0.0, 0.5, 1.0]))
+
     noise = share()
     return RobotKind(
         delay=share() * declared.delay,

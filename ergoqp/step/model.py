@@ -81,7 +81,7 @@ class StepModel:
         sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
         sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
         sizes |= dict.fromkeys(("executed", "previous", "sent", "begun", "xi", "wanted"), (6, 1))
-        sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed"), (6, 1))
+        sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed", "excess"), (6, 1))
         sizes |= {"next_rest": (STATES, 1), "astray": (ASTRAY, 1)}
         sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
         sizes |= dict.fromkeys(("now", "outside"), (rows, 1))

@@ -48,6 +48,14 @@ NAMED: Final = {
     "moved": (6, 3),
     "last": (6, 1),  # the sent twist before the last one
     "fit": (5, 1),  # sums of the products of `moved`
+    "named_for": (1, 1),  # for how long the fault has had a name [s]
+    "worst": (6, 1),  # largest difference since then that is not declared [m, rad]
+    # of the poses of faulty robots that stand still: the last change, how much of the changes is
+    # taken back, and their squares (shift and turn each), and the largest change
+    "shaken": (6, 1),
+    "taken_back": (2, 1),
+    "squares": (2, 1),
+    "widest": (2, 1),
 }
 SAID: Final = {
     # above 1 if the integral shows a fault; above 0 [m/s, rad/s] if one sample shows it

@@ -122,9 +122,9 @@ def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
 def _compared(model: StepModel) -> ca.Function:
     """Return the function that compares the poses.
 
-    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests, now_seen)``: the block,
-    whether there is a fault, the causes, the motion of the pose (6,), how often it came to rest,
-    and how often it was measured.
+    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests, now_seen, excess)``: the
+    block, whether there is a fault, the causes, the motion of the pose (6,), how often it came to
+    rest, how often it was measured, and by how much (6,) it differs from what is declared.
 
     An interpreter pays for every scalar here in every step. So everything that is not needed to
     detect a fault is in `ergoqp.step.robot_watch.explained`.
@@ -216,7 +216,8 @@ def _compared(model: StepModel) -> ca.Function:
         least, most = least - robot.gain_error * spread, most + robot.gain_error * spread
     unseen = _WIDE * (1 - now["measured"])
     low, high = apart - noise - below - unseen, apart + noise + above + unseen
-    beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0) * ca.DM(1 / UNIT)
+    excess = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0)
+    beyond = excess * ca.DM(1 / UNIT)
     by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
     # The comparison starts again where the object is measured standing still, and after a fault
@@ -262,8 +263,8 @@ def _compared(model: StepModel) -> ca.Function:
     waiting = ca.logic_and(latched, ca.logic_not(faulty))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     causes += 2.0**Cause.latched * waiting
-    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests, seen]))
-    named = ["next_compared", "faulty", "all_causes", "went", "now_rests", "now_seen"]
+    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests, seen, excess]))
+    named = ["next_compared", "faulty", "all_causes", "went", "now_rests", "now_seen", "excess"]
     return ca.Function("compared_poses", list(given.values()), outputs, list(given), named)
 
 
