@@ -79,7 +79,7 @@ def fault_sentence(kind: int, amount: float) -> str:
 
 
 def _entry(name: str) -> str:
-    return f"; if it always does, declare [robot] {name}"
+    return f" (if it always does, declare [robot] {name})"
 
 
 def _rounded_up(amount: float) -> float:
