@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ergoqp.step.answer.step import Step as Step
     from ergoqp.step.function import step_function as step_function
     from ergoqp.step.replay import replay as replay
+    from ergoqp.step.state import initial_state as initial_state
     from ergoqp.step.stepper import Stepper as Stepper
 
 _LATER = {
@@ -49,6 +50,7 @@ _LATER = {
     "compare": "ergoqp.comparison.compare",
     "fit_postures": "ergoqp.recordings.load",
     "identify": "ergoqp.identification.identify",
+    "initial_state": "ergoqp.step.state",
     "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem_files.load",
     "load_recording": "ergoqp.recordings.load",
@@ -74,6 +76,7 @@ __all__ = [
     "errors",
     "fit_postures",
     "identify",
+    "initial_state",
     "load_cost",
     "load_problem",
     "load_recording",

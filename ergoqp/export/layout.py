@@ -14,7 +14,7 @@ from ergoqp.step.guide.trial import FIRM, TRIAL, UNKNOWN
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
 from ergoqp.step.robot_watch.faults import Fault
-from ergoqp.step.state import initial_state
+from ergoqp.step.state import state_at_start
 from ergoqp.step.under_way.history import SHORTEST_DT
 
 _GUIDE_VALUES = f"""
@@ -164,7 +164,7 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     lines += [
         f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")
     ]
-    history, initial = model.history, ", ".join(map(repr, initial_state(model).tolist()))
+    history, initial = model.history, ", ".join(map(repr, state_at_start(model).tolist()))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]

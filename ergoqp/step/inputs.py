@@ -74,8 +74,9 @@ def read_inputs(
         else that was given.
     """
     seen = is_set(given["observed"])
-    usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)
-    posture = ca.if_else(usable, given["posture"], model.stand_in)
+    last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
+    usable = ca.logic_and(seen, ca.fabs(last) <= model.problem.response.largest)
+    posture = ca.if_else(usable, last, model.stand_in)
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
     known = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
@@ -103,6 +104,7 @@ _KEPT: Final = (
     "idled",
     "said",
     "account",
+    "on_hold",
 )
 
 
@@ -129,7 +131,7 @@ def _read_function(model: StepModel) -> ca.Function:
     moved, account = reckoned(problem.robot, raw | reported)
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
-    disabled = ca.logic_not(is_set(raw["enable"]))
+    disabled = ca.logic_or(ca.logic_not(is_set(raw["enable"])), is_set(raw["on_hold"]))
     bad = {
         Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),
         Cause.pose: ca.logic_and(has_pose, ca.logic_not(pose_ok)),

@@ -62,6 +62,8 @@ class StepModel:
     def state(self) -> Sizes:
         """Shape of every part of the state, in order."""
         sizes = {"history": (count(self.history.sizes), 1), "stored": (4, 4), "started": (1, 1)}
+        # The posture stays in use while no frame arrives.
+        sizes |= {"last_posture": (len(self.problem.coordinates), 1), "on_hold": (1, 1)}
         sizes |= {"rest": (STATES, 1)}
         sizes |= {name: (count(block), 1) for name, block in self.blocks.items()}
         if self.problem.robot.owes:

@@ -26,6 +26,15 @@ def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
     return parts
 
 
+def places(sizes: Sizes) -> dict[str, slice]:
+    """Return the slice of the vector that holds each part."""
+    found, end = {}, 0
+    for name, (rows, columns) in sizes.items():
+        begin, end = end, end + rows * columns
+        found[name] = slice(begin, end)
+    return found
+
+
 def joined(sizes: Sizes, parts: Mapping[str, Any]) -> Any:
     """Return the vector of the parts."""
     return ca.vertcat(*(ca.vec(ca.densify(parts[name])) for name in sizes))

@@ -61,5 +61,5 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
                 " dicts that its log sink got"
             ) from None
         stepper._call()
-        steps.append(stepper._answer(notes, time.perf_counter()))
+        steps.append(stepper._answer(stepper._ready, notes, time.perf_counter()))
     return steps

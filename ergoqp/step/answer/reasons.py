@@ -124,6 +124,8 @@ def _cause(
     if cause is Cause.robot:
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
+    if cause is Cause.asked:
+        return notes.get("deadline", "asked to brake")
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
@@ -133,7 +135,6 @@ def _cause(
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
         Cause.unmeasured: f"no pose, and the robot is declared to {_unmeasured(problem.robot)}",
         Cause.halted: "comes to rest before it moves again",
-        Cause.asked: "asked to brake",
         Cause.long_period: (
             f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
             "the longest hold of the robot"
