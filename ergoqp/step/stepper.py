@@ -25,6 +25,7 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.packing import places
 from ergoqp.step.rest import stalled
 from ergoqp.step.state import state_at_start
+from ergoqp.step.stopping import stop_function
 from ergoqp.step.under_way.history import SHORTEST_DT
 from ergoqp.step.user_values import number, put, truth
 
@@ -129,6 +130,8 @@ class Stepper:
         self._model = StepModel(self.problem, self._guided)
         self._begin = state_at_start(self._model)
         self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
+        closed = compiled and self.problem.surface is None
+        self._closed_stop = stop_function(self._model) if closed else None
         self._held = False
         self._ready = self._usual(place)
 
@@ -382,6 +385,8 @@ class Stepper:
         gets these twists in advance.
         """
         ready, twists = self._ready, []
+        if self._closed_stop is not None:
+            return self._closed_stop(ready.inputs[self._at["state"]])
         while not twists or (
             twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt
         ):

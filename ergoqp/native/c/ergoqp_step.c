@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "ergoqp_core.h"
+#include "stop.h"
 
 static void transposed(double* to, const double* from) {
     int row, column;
@@ -55,7 +56,7 @@ void ergoqp_input_defaults(ergoqp_input* input) {
 #define COPY(to, from) memcpy((to), (from), sizeof(to))
 
 static void give(ergoqp_stepper* stepper, const ergoqp_input* input, double ask) {
-    /* Without a frame, the last posture still gives how the model person follows while the object brakes. */
+    /* Without a frame, the state has the last posture. */
     if (input->frame) memcpy(GIVEN(posture), input->posture, sizeof input->posture);
     memcpy(GIVEN(observed), input->observed, sizeof input->observed);
     memset(GIVEN(pose), 0, 16 * sizeof(double));
@@ -132,6 +133,31 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, e
     nothing.dt = dt;
     nothing.enable = 1;
     return answer(stepper, &nothing, 1.0, output);
+}
+
+int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]) {
+#ifdef ERGOQP_SURFACE
+    double kept[ERGOQP_STATE];
+    ergoqp_input nothing;
+    ergoqp_output output;
+    int axis = 0, count = 0;
+    ergoqp_input_defaults(&nothing);
+    nothing.frame = 0;
+    nothing.enable = 0;
+    memcpy(kept, stepper->state, sizeof kept);
+    while (axis < 6 && count < ERGOQP_STOP) {
+        (void)answer(stepper, &nothing, 1.0, &output);
+        COPY(twists[count], output.twist);
+        for (axis = 0; axis < 6 && output.twist[axis] == 0.0; ++axis) continue;
+        ++count;
+    }
+    memcpy(stepper->state, kept, sizeof kept);
+    return count;
+#else
+    static const double acceleration[6] = {ERGOQP_ACCELERATION};
+    return ergoqp_stop_twists(stepper->state, ERGOQP_PLANNED, ERGOQP_SENT, ERGOQP_AVERAGE, ERGOQP_DT, acceleration, twists,
+                              ERGOQP_STOP);
+#endif
 }
 
 #ifdef ERGOQP_GUIDE
