@@ -16,6 +16,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.model import StepModel
 from ergoqp.step.robot_watch.watch import reckoned
+from ergoqp.step.under_way.history import CLOCK_ROUNDING
 from ergoqp.step.under_way.motion import UnderWay
 
 INPUTS: Final = (
@@ -120,7 +121,7 @@ def _read_function(model: StepModel) -> ca.Function:
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
-    age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
+    age_ok, fresh = raw["age"] >= -CLOCK_ROUNDING, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
     reported = {

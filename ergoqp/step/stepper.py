@@ -124,7 +124,7 @@ class Stepper:
         self._solver = read_solver(solver)
         self._loop = {"dt": self.dt, "solver": self._solver.name, "compiled": compiled}
         if not isinstance(solver, str):
-            self._loop["handed_over"] = True
+            self._loop["own_solver"] = True
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
         self._model = StepModel(self.problem, self._guided)
@@ -314,7 +314,7 @@ class Stepper:
                 not the time since the last call: a late call ends what was certified. A period
                 longer than three periods of the loop (or than the declared ``longest_hold``)
                 brakes.
-            age: age of the posture [s].
+            age: age of the posture [s]. Down to -1 ms it counts as 0: clocks round.
             enable: False decelerates to rest. So does a value that is neither True nor False (1 and
                 0 are allowed).
             observed: (32,) bool, False for joints that the sensors do not see in this frame. None:

@@ -230,8 +230,20 @@ UNUSABLE: list[tuple[dict[str, Any], str]] = [
     ({"dt": "soon"}, "dt is nan s"),
     ({"dt": 10}, "dt is 10 s"),
     ({"age": -0.1}, "age is -0.1 s, allowed at least 0"),
+    ({"age": -0.0011}, "a stamp up to 1 ms ahead counts as 0"),
     ({"age": float("nan")}, "age is nan s"),
 ]
+
+
+@pytest.mark.parametrize("ahead", [1e-9, 2.4e-7, 1e-3])
+def test_a_stamp_that_is_ahead_by_the_rounding_of_a_clock_is_no_fault(ahead: float) -> None:
+    """A loop that takes its stamp and the time from two clocks was stopped by 1 ns."""
+    posture = near_comfort("screwing", np.random.default_rng(2))
+    one = stepper_of("screwing").step(posture, age=0.0)
+    other = stepper_of("screwing").step(posture, age=-ahead)
+    assert (other.status, other.reason) == (one.status, one.reason)
+    assert other.twist.tobytes() == one.twist.tobytes()
+    assert one.status == "optimal"
 
 
 @pytest.mark.parametrize(

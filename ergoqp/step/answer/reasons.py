@@ -16,7 +16,7 @@ from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.program.bounds import limit_values
 from ergoqp.step.robot_watch.faults import fault_sentence
-from ergoqp.step.under_way.history import LONGEST_DT, SHORTEST_DT
+from ergoqp.step.under_way.history import CLOCK_ROUNDING, LONGEST_DT, SHORTEST_DT
 
 _DRAWN: Final = {
     THERE: "drawn toward the given place",
@@ -128,7 +128,10 @@ def _cause(
         return notes.get("deadline", "asked to brake")
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
-        Cause.age: f"age is {age:g} s, allowed at least 0",
+        Cause.age: (
+            f"age is {age:g} s, allowed at least 0 (a stamp up to {1e3 * CLOCK_ROUNDING:g} ms ahead"
+            " counts as 0)"
+        ),
         Cause.no_frame: "no posture arrived",
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
