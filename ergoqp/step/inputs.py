@@ -15,7 +15,6 @@ from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.model import StepModel
-from ergoqp.step.robot_watch.watch import reckoned
 from ergoqp.step.under_way.history import CLOCK_ROUNDING
 from ergoqp.step.under_way.motion import UnderWay
 
@@ -50,6 +49,7 @@ OUTPUTS: Final = (
     "locked",
     "outside",
     "residuals",
+    "astray",
 )
 
 
@@ -71,8 +71,7 @@ def read_inputs(
         known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
         ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
         ``told``; whether the object has to ``stop``; ``causes`` why the step can only brake, by
-        `Cause`; the ``next_account`` of `ergoqp.step.robot_watch.watch.reckoned`; and everything
-        else that was given.
+        `Cause`; and everything else that was given.
     """
     seen = is_set(given["observed"])
     last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
@@ -101,10 +100,6 @@ _KEPT: Final = (
     "dt_ok",
     "posture_ok",
     "fits",
-    "parked",
-    "idled",
-    "said",
-    "account",
     "on_hold",
 )
 
@@ -124,12 +119,8 @@ def _read_function(model: StepModel) -> ca.Function:
     age_ok, fresh = raw["age"] >= -CLOCK_ROUNDING, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
-    reported = {
-        "executed": ca.if_else(told, raw["executed"], 0),
-        "told": told,
-        "measured": measured,
-    }
-    moved, account = reckoned(problem.robot, raw | reported)
+    # What was sent is integrated, and never the noisy report: see `ergoqp.step.robot_watch.watch`.
+    moved = raw["sent"] * raw["lasted"] + raw["changed"]
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
     disabled = ca.logic_or(ca.logic_not(is_set(raw["enable"])), is_set(raw["on_hold"]))
@@ -150,7 +141,6 @@ def _read_function(model: StepModel) -> ca.Function:
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
     outputs = {
         "moved": moved,
-        "next_account": account,
         "next_started": ca.logic_or(started, anchors),
         "measured": measured,
         "told": told,

@@ -15,10 +15,10 @@ from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
 from ergoqp.step.guide.trial import TRIAL
-from ergoqp.step.packing import Sizes, count
+from ergoqp.step.packing import Sizes, count, places
 from ergoqp.step.program.bounds import limit_values, movable_rows
 from ergoqp.step.rest import STATES
-from ergoqp.step.robot_watch.memory import watch_blocks
+from ergoqp.step.robot_watch.memory import ASTRAY, watch_blocks
 from ergoqp.step.under_way.history import History
 from ergoqp.step.under_way.parts import WayLayout
 
@@ -75,6 +75,16 @@ class StepModel:
         return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
 
     @cached_property
+    def places(self) -> dict[str, slice]:
+        """Slice of the state of each part, and of the parts of its history and of ``compared``."""
+        found = places(self.state)
+        for name, sizes in (("history", self.history.sizes), ("compared", self.blocks["compared"])):
+            start = found[name].start
+            inner = {part: (at.start, at.stop) for part, at in places(sizes).items()}
+            found |= {part: slice(start + a, start + b) for part, (a, b) in inner.items()}
+        return found
+
+    @cached_property
     def sizes(self) -> Sizes:
         """Shape of everything that the functions of the step exchange; scalars are left out."""
         n, rows = len(self.problem.coordinates), len(self.problem.row_names)
@@ -83,8 +93,8 @@ class StepModel:
         sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
         sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
         sizes |= dict.fromkeys(("executed", "previous", "sent", "begun", "xi", "wanted"), (6, 1))
-        sizes |= dict.fromkeys(("brake", "share", "went", "changed"), (6, 1))
-        sizes |= {"next_rest": (STATES, 1)}
+        sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed", "excess"), (6, 1))
+        sizes |= {"next_rest": (STATES, 1), "astray": (ASTRAY, 1)}
         sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
         sizes |= dict.fromkeys(("now", "outside"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}

@@ -22,7 +22,6 @@ from ergoqp.step.answer.step import Step
 from ergoqp.step.function import step_function
 from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import places
 from ergoqp.step.rest import stalled
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import stop_function
@@ -147,7 +146,7 @@ class Stepper:
         self._out, self._slices = evaluator.results, evaluator.slices
         # The state that one step hands to the next, and its parts.
         self._state_out = evaluator.outputs["next_state"]
-        self._parts = places(self._model.state)
+        self._parts = self._model.places
         self._status_at = self._slices["status"].start
         self._held_at = self._at["state"].start + self._parts["on_hold"].start
         # CasADi stores matrices by columns.
@@ -198,8 +197,8 @@ class Stepper:
         """
         n = self._begin.size
         state = read_array("state", state, (n,), f"{n} finite numbers, as state() returns them")
-        kept = self._model.history
-        twists = state[: 6 * (kept.planned + kept.sent)].reshape(-1, 6)
+        at = self._parts
+        twists = np.concatenate([state[at["planned"]], state[at["sent"]]]).reshape(-1, 6)
         beyond = np.abs(twists).max(axis=0) > self.problem.twist_limit.speed + _ROUNDING
         if beyond.any():
             raise InputError(
@@ -237,16 +236,21 @@ class Stepper:
         self._held = True
 
     def try_again(self) -> None:
-        """Allow motion again after `hold`, and try the guide again, if there is one."""
-        if self._guided:
-            self._ready = self._with_state(self._ready, self._untried())
+        """Allow motion again, and try the guide again, if there is one.
+
+        It ends `hold`, and the rest after a fault of the robot that no measured pose ended. The
+        object may then be anywhere between what was sent and what was reported since a pose was
+        measured, and the limits count both.
+        """
+        self._ready = self._forgotten("latched", *(["trial"] if self._guided else []))
         self._held = False
 
-    def _untried(self) -> np.ndarray:
-        """Return the present state without what was learned about the guide."""
-        state = self.state()
-        state[self._parts["trial"]] = 0.0
-        return state
+    def _forgotten(self, *names: str) -> _Ready:
+        """Return what the next call starts from, with parts of the state that are zero."""
+        state = self._ready.inputs[self._at["state"]].copy()
+        for name in names:
+            state[self._parts[name]] = 0.0
+        return self._with_state(self._ready, state)
 
     @property
     def stalled(self) -> float:
@@ -282,7 +286,7 @@ class Stepper:
             notes["guide"] = (
                 f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
             )
-        inputs = self._with_state(self._ready, self._untried()).inputs
+        inputs = self._forgotten("trial").inputs
         self._lead(inputs, place)
         self._ready = _Ready(inputs, notes, self._ready.frame)
 
@@ -423,11 +427,9 @@ class Stepper:
             raise InputError(
                 f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}"
             )
-        state = self.state()
-        # The history comes first in the state, the planned twists in it, then the sent ones; newest
-        # first.
-        sent_at = 6 * self._model.history.planned
-        state[:6], state[sent_at : sent_at + 6] = sent, sent
+        state = self._ready.inputs[self._at["state"]].copy()
+        for name in ("planned", "sent"):  # newest first
+            state[self._parts[name]][:6] = sent
         self._ready = self._with_state(self._ready, state)
 
     def _begin_call(self, ready: _Ready) -> dict[str, str]:
