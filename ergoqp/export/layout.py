@@ -25,6 +25,7 @@ _GUIDE_VALUES = f"""
 #define ERGOQP_PROMISE_UNKNOWN {UNKNOWN!r}
 #define ERGOQP_PROMISE_FIRM {FIRM!r}
 """
+_TRIED = " The place of the guide is tried again."
 _GUIDE_CALLS = """\
 /* Set the place of the guide: a contact frame in the world, row-major 4 x 4 [m]. A null pointer:
  * descent alone. promise: the expected cost there [points]. The trial of the last place is
@@ -33,9 +34,6 @@ _GUIDE_CALLS = """\
  * allow. ergoqp_init and ergoqp_take_over set the place of the export: call this function again
  * after them. */
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise);
-
-/* Try the place again: the trial of it is forgotten. */
-void ergoqp_try_again(ergoqp_stepper* stepper);
 
 """
 
@@ -124,6 +122,11 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed,
  * them in advance. Returns how many there are. The stepper is as before. */
 int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]);
 
+/* Allow motion again after a fault of the robot that no measured pose ended (cause `latched`). The
+ * object may then be anywhere between what was sent and what was reported since a pose was
+ * measured, and the limits count both.{_TRIED if guided else ""} */
+void ergoqp_try_again(ergoqp_stepper* stepper);
+
 {_GUIDE_CALLS if guided else ""}/* Names, for logs. */
 extern const char* const ergoqp_coordinate_names[ERGOQP_COORDINATES];
 extern const char* const ergoqp_row_names[ERGOQP_ROWS + 1];
@@ -174,6 +177,10 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     ]
     history, initial = model.history, _listed(state_at_start(model))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
+    lines += [
+        f"#define ERGOQP_STATE_AT_{name} {model.places[name].start}"
+        for name in ("idle", "due", "latched", *(["trial"] if guided else []))
+    ]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {_listed(problem.twist_limit.speed)}"]
     lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
@@ -185,7 +192,10 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
         f"#define ERGOQP_ACCELERATION {_listed(problem.twist_limit.acceleration)}",
     ]
     lines += ["#define ERGOQP_SURFACE"] if problem.surface is not None else []
-    lines += [f"#define ERGOQP_INITIAL_STATE {initial}", ""]
+    taken = _listed(state_at_start(model, np.zeros(6)))
+    late = problem.robot.dead_time + problem.robot.lag
+    lines += [f"#define ERGOQP_INITIAL_STATE {initial}", f"#define ERGOQP_TAKEN_STATE {taken}"]
+    lines += [f"#define ERGOQP_LATE {float(late)!r}", ""]
     if guide is not None:
         first = _listed(np.array([*guide.pose.T.ravel(), 1.0, guide.expected]))
         lines += [f"#define ERGOQP_GUIDE {first}", f"#define ERGOQP_TRIAL {TRIAL}", ""]

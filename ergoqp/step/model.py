@@ -76,9 +76,9 @@ class StepModel:
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Slice of the state of each part, and of the parts of its history and of ``compared``."""
+        """Slice of the state of each part, and of the parts of the history and of the watch."""
         found = places(self.state)
-        for name, sizes in (("history", self.history.sizes), ("compared", self.blocks["compared"])):
+        for name, sizes in {"history": self.history.sizes, **self.blocks}.items():
             start = found[name].start
             inner = {part: (at.start, at.stop) for part, at in places(sizes).items()}
             found |= {part: slice(start + a, start + b) for part, (a, b) in inner.items()}

@@ -29,13 +29,22 @@ void ergoqp_init(ergoqp_stepper* stepper) {
 }
 
 int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
-    int axis, i;
+    static const double taken[ERGOQP_STATE] = {ERGOQP_TAKEN_STATE};
+    int axis, i, moves = 0;
     double moving[6];
     for (axis = 0; axis < 6; ++axis) {
         if (!isfinite(twist[axis])) return 0;
         moving[axis] = fmin(fmax(twist[axis], -speed[axis]), speed[axis]);
+        moves = moves || moving[axis] != 0.0;
     }
     ergoqp_init(stepper);
+    memcpy(stepper->state, taken, sizeof taken);
+    if (moves) stepper->state[ERGOQP_STATE_AT_idle] = 0.0;
+    /* What a late robot still has to do was not measured, along each axis and against it. */
+    for (axis = 0; axis < 6; ++axis) {
+        stepper->state[ERGOQP_STATE_AT_due + axis] = ERGOQP_LATE * fmax(moving[axis], 0.0);
+        stepper->state[ERGOQP_STATE_AT_due + 6 + axis] = ERGOQP_LATE * fmax(-moving[axis], 0.0);
+    }
     /* The history of an object that has always moved at this twist. */
     for (i = 0; i < ERGOQP_PLANNED; ++i) memcpy(stepper->state + 6 * i, moving, sizeof moving);
     for (i = 0; i < ERGOQP_SENT; ++i) memcpy(stepper->state + 6 * (ERGOQP_PLANNED + i), moving, sizeof moving);
@@ -160,11 +169,14 @@ int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]) {
 #endif
 }
 
-#ifdef ERGOQP_GUIDE
 void ergoqp_try_again(ergoqp_stepper* stepper) {
-    memset(stepper->state + ERGOQP_STATE - ERGOQP_TRIAL, 0, ERGOQP_TRIAL * sizeof(double));
+    stepper->state[ERGOQP_STATE_AT_latched] = 0.0;
+#ifdef ERGOQP_GUIDE
+    memset(stepper->state + ERGOQP_STATE_AT_trial, 0, ERGOQP_TRIAL * sizeof(double));
+#endif
 }
 
+#ifdef ERGOQP_GUIDE
 /* Tolerance of a rotation; a position must be within 100 m. */
 #define STRAIGHT 1e-3
 
@@ -190,7 +202,7 @@ static int rigid(const double* pose) {
 
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise) {
     if (place && (!rigid(place) || !isfinite(promise))) return 0;
-    ergoqp_try_again(stepper);
+    memset(stepper->state + ERGOQP_STATE_AT_trial, 0, ERGOQP_TRIAL * sizeof(double));
     if (place) transposed(stepper->guide, place);
     stepper->guide[16] = place != 0;
     stepper->guide[17] = place ? promise : 0.0;
