@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ergoqp.step.replay import replay as replay
     from ergoqp.step.state import initial_state as initial_state
     from ergoqp.step.stepper import Stepper as Stepper
+    from ergoqp.step.timing import benchmark_step as benchmark_step
 
 _LATER = {
     "Control": "ergoqp.problem.control",
@@ -47,6 +48,7 @@ _LATER = {
     "Seeker": "ergoqp.seeking.seeker",
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
+    "benchmark_step": "ergoqp.step.timing",
     "compare": "ergoqp.comparison.compare",
     "fit_postures": "ergoqp.recordings.load",
     "identify": "ergoqp.identification.identify",
@@ -72,6 +74,7 @@ __all__ = [
     "Step",
     "Stepper",
     "__version__",
+    "benchmark_step",
     "compare",
     "errors",
     "fit_postures",

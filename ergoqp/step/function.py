@@ -77,6 +77,7 @@ def build_step(
     name: str = "step",
     guided: bool = False,
     unrolled: bool = False,
+    every_branch: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
@@ -97,8 +98,10 @@ def build_step(
             `ergoqp.step.guide.pull`.
         unrolled: whether every operation is written on its own instead of as vectors. This is the
             fastest form for a compiler and the slowest for an interpreter.
+        every_branch: whether it always takes the longer branch. Its answers are those of a step
+            only where all are needed; it is for `ergoqp.step.timing`.
     """
-    model, shape = StepModel(problem, guided), scalars if unrolled else vectors
+    model, shape = StepModel(problem, guided, every_branch), scalars if unrolled else vectors
     names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])

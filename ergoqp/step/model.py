@@ -33,10 +33,17 @@ class StepModel:
     Attributes:
         problem: the task.
         guided: whether the step can be drawn to a guide.
+        every_branch: whether the step takes every branch, to be timed; see
+            `ergoqp.step.timing`.
     """
 
     problem: Problem
     guided: bool = False
+    every_branch: bool = False
+
+    def if_needed(self, needed: ca.MX) -> ca.MX:
+        """Return the condition of a branch that takes longer than the other."""
+        return ca.MX(1) if self.every_branch else needed
 
     @cached_property
     def history(self) -> History:

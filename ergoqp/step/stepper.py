@@ -348,8 +348,8 @@ class Stepper:
         into["enable"][0] = truth(enable, "enable", notes)
         self._evaluate(notes)
         if (took := time.perf_counter() - start) > self._deadline:
-            late = f"the step took {1e3 * took:.1f} ms, allowed {1e3 * self._deadline:g} ms"
-            notes["deadline"] = late
+            allowed = f"{1e3 * self._deadline:g} ms (deadline)"
+            notes["deadline"] = f"the step took {1e3 * took:.1f} ms, allowed {allowed}"
             into["ask"][0] = 1.0
             self._evaluate(notes, instead=True)
         return self._answer(ready, notes, start)
@@ -451,9 +451,7 @@ class Stepper:
         self._evaluate(notes, logged)
         return notes
 
-    def _evaluate(
-        self, notes: dict[str, str], logged: bool = True, instead: bool = False
-    ) -> None:
+    def _evaluate(self, notes: dict[str, str], logged: bool = True, instead: bool = False) -> None:
         """Record the inputs and call the function.
 
         Args:
