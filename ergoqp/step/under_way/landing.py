@@ -53,7 +53,7 @@ _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn
 
 def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
     problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
-    landed, rows, astray = _hard_rows(model)(pose, found["total"], found["astray"])
+    landed, rows, off = _hard_rows(model)(pose, found["total"], found["astray"])
     done = rows @ found["twists"]
     # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)
@@ -103,7 +103,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         astray = np.linalg.norm(robot.noise[:3]) * np.array(parts_of.tangents, float)
         aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
         below, above = below + aside, above + aside
-    parts = [found["total"], below + astray[many:], above + astray[:many]]
+    parts = [found["total"], below + off[many:], above + off[:many]]
     # The error of a measured turn counts like a turn that may be done already or not.
     turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
     if "doubt" in found:
