@@ -47,7 +47,7 @@ def reason_of(
     status, margins = Status[account.status], account("margins")
     causes = [cause for cause in Cause if int(account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
-        causes.remove(Cause.no_frame)
+        causes = [cause for cause in causes if cause is not Cause.no_frame]
     if status >= Status.braking:
         said = [_cause(problem, cause, account, posture, dt, age, notes) for cause in causes]
         return "; ".join([*said, *log])
