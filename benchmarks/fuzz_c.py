@@ -54,7 +54,9 @@ def engine() -> str:
     if clang is not None:
         with tempfile.TemporaryDirectory() as scratch:
             probe = Path(scratch) / "probe.c"
-            probe.write_text("int LLVMFuzzerTestOneInput(const char* d, long n) { return !d + !n; }")
+            probe.write_text(
+                "int LLVMFuzzerTestOneInput(const char* d, long n) { return !d + !n; }"
+            )
             command = [clang, "-fsanitize=fuzzer", str(probe), "-o", f"{scratch}/probe"]
             if subprocess.run(command, capture_output=True, check=False).returncode == 0:
                 return "libFuzzer"

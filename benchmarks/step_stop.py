@@ -12,8 +12,8 @@ from ergoqp.native.compiler import shared_library
 from ergoqp.native.daqp import c_text
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.seeking.thought import a_place
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.seeking.thought import a_place
 from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.stopping import longest_stop, stop_function
@@ -22,14 +22,15 @@ _TIMED = """
 #define _POSIX_C_SOURCE 199309L
 #include <time.h>
 #include "stop.h"
-double timed(const double* states, int size, int count, int planned, int sent, double average, double dt,
-             const double* acceleration, double (*twists)[6], int most) {
+double timed(const double* states, int size, int count, int planned, int sent, double average,
+             double dt, const double* acceleration, double (*twists)[6], int most) {
     struct timespec from, to;
     volatile double kept;
     int i;
     clock_gettime(CLOCK_MONOTONIC, &from);
     for (i = 0; i < count; ++i) {
-        ergoqp_stop_twists(states + (long)i * size, planned, sent, average, dt, acceleration, twists, most);
+        const double* state = states + (long)i * size;
+        ergoqp_stop_twists(state, planned, sent, average, dt, acceleration, twists, most);
         kept = twists[0][0];
     }
     clock_gettime(CLOCK_MONOTONIC, &to);
@@ -55,12 +56,13 @@ def states(stepper: Stepper, count: int, seed: int) -> list[np.ndarray]:
     """
     problem, rng, found = stepper.problem, np.random.default_rng(seed), []
     comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
-    pose = a_place(problem)
+    pose, posture = a_place(problem), comfort
+    away = pose.copy()
     for number in range(count):
         if number % 25 == 0:
             stepper.reset(twist=rng.uniform(-1, 1, 6) * problem.twist_limit.speed)
-            posture, away = comfort + 0.3 * rng.normal(size=len(comfort)), pose.copy()
-            away[:3, 3] += rng.uniform(-1, 1, 3)
+            posture = comfort + 0.3 * rng.normal(size=len(comfort))
+            away[:3, 3] = pose[:3, 3] + rng.uniform(-1, 1, 3)
         if number % 7 == 3:
             stepper.brake(elapsed=rng.uniform(0, 0.1))
         elif number % 7 == 5:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -20,8 +20,9 @@ from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.answer.step import Step
 from ergoqp.step.function import step_function
-from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.guide.place import read_guide
 from ergoqp.step.model import StepModel
+from ergoqp.step.ready import Layout, Ready
 from ergoqp.step.rest import stalled
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import stop_function
@@ -37,23 +38,6 @@ LONGEST_DEADLINE: Final = 10.0
 _STATUSES: Final = tuple(status.name for status in Status)
 
 LogSink = Callable[[dict[str, Any]], None]
-
-
-class _Ready(NamedTuple):
-    """What the next call starts from.
-
-    It is never written to, but replaced as one, as the last operation of a call. So an exception at
-    any point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call.
-
-    Attributes:
-        inputs: all inputs of the function: the usual ones, the guide, and the state.
-        notes: what was wrong with the guide.
-        frame: posture and mask of the last frame, as read (n,) each.
-    """
-
-    inputs: np.ndarray
-    notes: Mapping[str, str]
-    frame: tuple[np.ndarray, np.ndarray]
 
 
 class Stepper:
@@ -132,47 +116,25 @@ class Stepper:
         closed = compiled and self.problem.surface is None
         self._closed_stop = stop_function(self._model) if closed else None
         self._held = False
-        self._ready = self._usual(place)
+        self._ready = self._layout.usual(self._given.size, self._begin, place)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
         self._evaluator = evaluator = Evaluator(function)
         self._call, self._given = evaluator.evaluate, evaluator.given
-        self._inputs, self._at = evaluator.inputs, evaluator.places
+        self._inputs, self._layout = evaluator.inputs, Layout(self._model, evaluator.places)
         if self._solver is not solver_named("daqp"):
             self._call = passing_on(evaluator.evaluate)
         # One array for all outputs: a step copies it once, and all its members are views of the
         # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
-        # The state that one step hands to the next, and its parts.
+        # The state that one step hands to the next.
         self._state_out = evaluator.outputs["next_state"]
-        self._parts = self._model.places
         self._status_at = self._slices["status"].start
-        self._held_at = self._at["state"].start + self._parts["on_hold"].start
+        at, parts = self._layout.at, self._layout.parts
+        self._held_at = at["state"].start + parts["on_hold"].start
         # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
-
-    def _usual(self, place: Guide | None) -> _Ready:
-        """Return what the first call starts from."""
-        inputs, at = np.zeros_like(self._given), self._at
-        for name in ("observed", "frame", "enable"):
-            inputs[at[name]] = 1.0
-        inputs[at["dt"]], inputs[at["state"]] = self.dt, self._begin
-        if place is not None:
-            self._lead(inputs, place)
-        return _Ready(inputs, {}, (np.zeros(self._shape), np.ones(self._shape)))
-
-    def _lead(self, inputs: np.ndarray, place: Guide | None) -> None:
-        """Write the inputs of a guide; None: there is none."""
-        at = self._at
-        inputs[at["guided"]] = place is not None
-        if place is not None:
-            inputs[at["guide"]], inputs[at["promise"]] = place.pose.T.ravel(), place.expected
-
-    def _with_state(self, ready: _Ready, state: np.ndarray) -> _Ready:
-        inputs = ready.inputs.copy()
-        inputs[self._at["state"]] = state
-        return ready._replace(inputs=inputs)
 
     def state(self) -> np.ndarray:
         """Return the state (n,): all that the calls so far leave to the next one.
@@ -180,8 +142,8 @@ class Stepper:
         It is the input ``state`` of `ergoqp.step_function`; see `ergoqp.initial_state` for what is
         in it. `hold` is a part of it. The guide is not, but what was learned about it is.
         """
-        state = self._ready.inputs[self._at["state"]].copy()
-        state[self._parts["on_hold"]] = self._held
+        state = self._layout.state(self._ready).copy()
+        state[self._layout.parts["on_hold"]] = self._held
         return state
 
     def restore(self, state: Any) -> None:
@@ -197,18 +159,18 @@ class Stepper:
         """
         n = self._begin.size
         state = read_array("state", state, (n,), f"{n} finite numbers, as state() returns them")
-        at = self._parts
+        at = self._layout.parts
         twists = np.concatenate([state[at["planned"]], state[at["sent"]]]).reshape(-1, 6)
-        beyond = np.abs(twists).max(axis=0) > self.problem.twist_limit.speed + _ROUNDING
-        if beyond.any():
+        fastest, speed = np.abs(twists).max(axis=0), self.problem.twist_limit.speed
+        if (fastest > speed + _ROUNDING).any():
             raise InputError(
-                f"state: got twists of up to {np.abs(twists).max(axis=0).round(6).tolist()}, allowed"
-                f" within the speed limits {self.problem.twist_limit.speed.tolist()}"
+                f"state: got twists of up to {fastest.round(6).tolist()}, allowed within the speed"
+                f" limits {speed.tolist()}"
             )
-        held = bool(state[self._parts["on_hold"]] > 0.5)
+        held = bool(state[at["on_hold"]] > 0.5)
         # An interrupt between two of these leaves the loop rather on hold.
         self._held = self._held or held
-        self._ready = self._with_state(self._ready, state)
+        self._ready = self._layout.with_state(self._ready, state)
         self._held = held
 
     def reset(self, twist: Any = None) -> None:
@@ -225,7 +187,7 @@ class Stepper:
             InputError: if `twist` is not six finite numbers.
         """
         state = self._begin if twist is None else state_at_start(self._model, twist)
-        self._ready = self._with_state(self._ready, state)
+        self._ready = self._layout.with_state(self._ready, state)
         self._held = False
 
     def hold(self) -> None:
@@ -242,15 +204,9 @@ class Stepper:
         object may then be anywhere between what was sent and what was reported since a pose was
         measured, and the limits count both.
         """
-        self._ready = self._forgotten("latched", *(["trial"] if self._guided else []))
+        trial = ["trial"] if self._guided else []
+        self._ready = self._layout.forgotten(self._ready, "latched", *trial)
         self._held = False
-
-    def _forgotten(self, *names: str) -> _Ready:
-        """Return what the next call starts from, with parts of the state that are zero."""
-        state = self._ready.inputs[self._at["state"]].copy()
-        for name in names:
-            state[self._parts[name]] = 0.0
-        return self._with_state(self._ready, state)
 
     @property
     def stalled(self) -> float:
@@ -258,7 +214,7 @@ class Stepper:
 
         The larger it is, the more slowly the next step moves.
         """
-        return float(stalled(self._ready.inputs[self._at["state"]][self._parts["rest"]]))
+        return float(stalled(self._layout.state(self._ready)[self._layout.parts["rest"]]))
 
     def guide(self, guide: Any) -> None:
         """Replace the guide from now on, or remove it.
@@ -286,9 +242,9 @@ class Stepper:
             notes["guide"] = (
                 f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
             )
-        inputs = self._forgotten("trial").inputs
-        self._lead(inputs, place)
-        self._ready = _Ready(inputs, notes, self._ready.frame)
+        inputs = self._layout.forgotten(self._ready, "trial").inputs
+        self._layout.lead(inputs, place)
+        self._ready = Ready(inputs, notes, self._ready.frame)
 
     def step(
         self,
@@ -375,7 +331,7 @@ class Stepper:
             period = min(late, 3 * self.dt)
             late -= period
             self._brake(ready, period, enable=0.0)
-            ready = self._with_state(ready, self._state_out)
+            ready = self._layout.with_state(ready, self._state_out)
             if not self._out[self._slices["twist"]].any():
                 break
         notes = self._brake(ready, self.dt if dt is None else number(dt))
@@ -390,12 +346,12 @@ class Stepper:
         """
         ready, twists = self._ready, []
         if self._closed_stop is not None:
-            return self._closed_stop(ready.inputs[self._at["state"]])
+            return self._closed_stop(self._layout.state(ready))
         while not twists or (
             twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt
         ):
             self._brake(ready, self.dt, enable=0.0, logged=False)
-            ready = self._with_state(ready, self._state_out)
+            ready = self._layout.with_state(ready, self._state_out)
             twists.append(self._out[self._slices["twist"]].copy())
         return np.array(twists)
 
@@ -427,12 +383,12 @@ class Stepper:
             raise InputError(
                 f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}"
             )
-        state = self._ready.inputs[self._at["state"]].copy()
+        state = self._layout.state(self._ready).copy()
         for name in ("planned", "sent"):  # newest first
-            state[self._parts[name]][:6] = sent
-        self._ready = self._with_state(self._ready, state)
+            state[self._layout.parts[name]][:6] = sent
+        self._ready = self._layout.with_state(self._ready, state)
 
-    def _begin_call(self, ready: _Ready) -> dict[str, str]:
+    def _begin_call(self, ready: Ready) -> dict[str, str]:
         """Set every input of the function anew; return the notes of the call."""
         self._given[:] = ready.inputs
         notes = {**ready.notes}
@@ -443,7 +399,7 @@ class Stepper:
         return notes
 
     def _brake(
-        self, ready: _Ready, dt: float, enable: float = 1.0, logged: bool = True
+        self, ready: Ready, dt: float, enable: float = 1.0, logged: bool = True
     ) -> dict[str, str]:
         """Evaluate the function without new data; return the notes of the call."""
         notes, into = self._begin_call(ready), self._inputs
@@ -471,15 +427,13 @@ class Stepper:
                 )
         self._call()
 
-    def _answer(self, ready: _Ready, notes: Mapping[str, str], start: float) -> Step:
+    def _answer(self, ready: Ready, notes: Mapping[str, str], start: float) -> Step:
         """Return the answer of the last evaluation, and continue from it."""
         account, into, frame = self._out.copy(), self._inputs, ready.frame
         posture = into["posture"].copy()
         if into["frame"][0]:
             frame = (posture, into["observed"].copy())
-        inputs = ready.inputs.copy()
-        inputs[self._at["state"]] = self._state_out
-        after = _Ready(inputs, ready.notes, frame)
+        after = self._layout.with_state(Ready(ready.inputs, ready.notes, frame), self._state_out)
         seen = (posture, into["dt"][0], into["age"][0])
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
         step = Step(twist, status, self.problem, account, self._slices, seen, notes, start)

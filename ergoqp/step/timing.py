@@ -35,7 +35,7 @@ Example:
     1500
 """
 
-_REPEATS: Final = 5
+_REPEATS: Final = 20
 """The shortest of so many times counts: what the step itself takes, without interruptions."""
 
 

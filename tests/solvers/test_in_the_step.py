@@ -132,7 +132,7 @@ def test_a_solver_that_is_given_as_an_object_is_used_logged_and_replayed() -> No
     assert again[-1].twist.tobytes() == step.twist.tobytes()
     plain: list = []
     Stepper(problem, log=plain.append).step(posture)
-    with pytest.raises(InputError, match="solver: got .*, allowed only for a loop whose solver"):
+    with pytest.raises(InputError, match=r"solver: got .*, allowed only for a loop whose solver"):
         ergoqp.replay(problem, plain, solver=mine)
     assert step_function(problem, Mine()).size_out("twist") == (6, 1)
 
@@ -154,7 +154,7 @@ def test_what_is_no_solver_is_one_sentence(given: Any, sentence: str) -> None:
 
 
 def test_only_the_solver_of_ergoqp_is_compiled() -> None:
-    with pytest.raises(InputError, match="compiled: got the solver .*, allowed only 'daqp'"):
+    with pytest.raises(InputError, match=r"compiled: got the solver .*, allowed only 'daqp'"):
         Stepper(problem_of("screwing"), solver=Mine(), compiled=True)
 
 
