@@ -41,14 +41,14 @@ Where the pose is given once and then only a twist (`benchmarks.tracking_twists`
 
 - ``outside_mm.wrong_twist``, ``outside_deg.wrong_twist``: an ideal robot that reports its twist
   wrongly; ``.acknowledged``: and its stop is acknowledged every two seconds; ``.believed``: the
-  control, a step that takes the integral of the report for its pose; ``path_m...``: how far they go;
+  control, a step that takes the integral of the report for its pose; ``path_m...``: their paths;
 - ``path_share.noisy_twist``: path with a noisy twist over that with the true one.
 
 Robots that turn without rest for half a minute (`benchmarks.tracking_faults`):
 
 - ``turning_runs``, ``false_faults.turning``: runs of robots as declared, and those of them in which
-  a fault is said (they count in ``false_faults`` too); ``unnamed_faults.near``: robots whose gain is
-  0.03 beyond the declared one, or whose lag is 1.3 times as long, that are not named within 3 s.
+  a fault is said (they count in ``false_faults`` too); ``unnamed_faults.near``: robots whose gain
+  is 0.03 beyond the declared one, or whose lag is 1.3 times as long, not named within 3 s.
 
 And ``path_share.declared``: path of the declared robots' objects over that of the ideal robot's,
 all together, driven in the problems' own workspaces; ``path_share.worst`` of the robot that loses
@@ -67,9 +67,9 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from benchmarks.report import Report, run
+from benchmarks.tracking_faults import declarations, honest, near
 from benchmarks.tracking_judges import Found
 from benchmarks.tracking_loops import drive, driven, stepper_of
-from benchmarks.tracking_faults import declarations, honest, near
 from benchmarks.tracking_robots import NONE, Case, cases
 from benchmarks.tracking_twists import LIES, NOISES, believed, drive_blind
 from ergoqp.problem.robot import DeclaredRobot
@@ -230,7 +230,9 @@ class _Blind:
         }
         true = paths.pop(0.0)
         report.figure(
-            "path_share.noisy_twist", min(paths.values()) / true, f"of {true:.2f} m with true twists"
+            "path_share.noisy_twist",
+            min(paths.values()) / true,
+            f"of {true:.2f} m with true twists",
         )
 
 

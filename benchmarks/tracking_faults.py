@@ -111,8 +111,7 @@ def driven_problem(robot: DeclaredRobot, walls: tuple[Limit, ...] = (FAR,)) -> P
 
 
 class Cornered(SimulatedRobot):
-    """A robot whose pose is measured with its whole noise along every axis, now and then another
-    way."""
+    """A robot whose pose is measured with its whole noise along all axes, changing now and then."""
 
     def measured_pose(self) -> np.ndarray:
         """Return the pose as measured now."""

@@ -2,8 +2,8 @@
 
 The pose is given once. What is reported after that is the twist in the tool's frame, scaled, with a
 bias, with half of its samples zero, or in coarse steps. The object starts in the middle, or 5 mm
-and half a degree from the ends; a posture drives it to all of them. The control believes the report:
-it integrates it from the first pose.
+and half a degree from the ends; a posture drives it to all of them. The control believes the
+report: it integrates it from the first pose.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ NOISES: Final = (0.0, 0.01, 0.03)
 """Noise of a twist that is reported truly [m/s, rad/s]."""
 
 
-def reported(kind: str, twist: np.ndarray, pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def reported(
+    kind: str, twist: np.ndarray, pose: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
     """Return a twist (6,) as it is reported."""
     turn = pose[:3, :3].T
     return {

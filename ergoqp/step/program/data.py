@@ -136,8 +136,8 @@ def away_function(model: StepModel) -> ca.Function:
     The upper ends come first, then the lower ones.
 
     It is 0 for rows that do not ask, and for rows within the tolerance, the declared noise of the
-    pose, or what is not known of it. It uses the present pose, not the landing pose, so it does not depend on S. `asks` is 0
-    when rows of the posture have given up.
+    pose, or what is not known of it. It uses the present pose, not the landing pose, so it does not
+    depend on S. `asks` is 0 when rows of the posture have given up.
     """
     problem, known = model.problem, model.symbols(AWAY)
     situation = model.situation(known, model.sparse(ca.SX.ones(*model.size("S"))))

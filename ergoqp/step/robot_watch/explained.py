@@ -41,7 +41,7 @@ _CERTAIN: Final = 6.0
 
 
 _TAKEN_BACK: Final = 0.25
-"""Share of the changes of a pose at rest from which they count as noise; of pure noise it is half."""
+"""Share of the changes of a pose at rest from which they count as noise; of noise it is half."""
 
 _CHANGES: Final = 5.0
 """So many squares of the largest change are needed to tell noise from a jump."""
@@ -175,11 +175,9 @@ def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     fresh, before, after = now["now_seen"] >= now["since"], now["stored"], now["pose"]
     told = ca.logic_and(now["told"], ca.logic_and(now["started"], ca.logic_not(now["measured"])))
     way = now["executed"] * now["lasted"]
-    aside = ca.if_else(fresh, 0, now["aside"] + told * (way[:3] - now["went"][:3]))
+    aside = ca.if_else(fresh, 0, now["aside"]) + told * (way[:3] - now["went"][:3])
     also = ca.if_else(fresh, ca.SX.eye(3), now["turned_aside"])
-    turned_aside = ca.if_else(
-        told, after[:3, :3].T @ turned(way[3:], before[:3, :3]) @ also, also
-    )
+    turned_aside = ca.if_else(told, after[:3, :3].T @ turned(way[3:], before[:3, :3]) @ also, also)
     # |R - I| = sqrt(8) sin(angle / 2)
     sine = ca.sqrt(ca.sumsqr(ca.vec(turned_aside - ca.SX.eye(3))) / 8)
     angle = 2 * ca.asin(ca.fmin(sine, 1))
@@ -219,7 +217,7 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
     # A sudden fault keeps its name, because a second jump is usually the return of the first. Any
-    # other is estimated twice, when it begins and from its first motion, so that its sentence stays.
+    # other is estimated twice, when it begins and from its first motion; so its sentence stays.
     sudden = now["fault"][0] >= int(Fault.pose_jumps)
     since = ca.if_else(is_set(now["fault"][0]), now["named_for"], 0)
     named_for = since + now["lasted"]
@@ -250,13 +248,13 @@ def _scatter(
     taken_back = now["taken_back"] + back
     largest_yet = ca.vertcat(*(ca.mmax(ca.fabs(change[half])) for half in halves))
     widest = ca.fmax(now["widest"], largest_yet)
-    scatters = ca.logic_and(
-        taken_back > _TAKEN_BACK * squares, squares > _CHANGES * widest**2
-    )
+    scatters = ca.logic_and(taken_back > _TAKEN_BACK * squares, squares > _CHANGES * widest**2)
     noise = _SPARE * widest / 2
     found = ca.SX(2, 1)
     kinds = (Fault.position_scatters, Fault.orientation_scatters)
-    explained = [largest(worst[half] / ca.fmax(2 * noise[i], 1e-12)) <= 1 for i, half in enumerate(halves)]
+    explained = [
+        largest(worst[half] / ca.fmax(2 * noise[i], 1e-12)) <= 1 for i, half in enumerate(halves)
+    ]
     small = [ca.sumsqr(worst[half] / ca.DM(UNIT[half])) <= 1 for half in halves]
     for i, kind in enumerate(kinds):
         by_this = ca.logic_and(ca.logic_and(scatters[i], explained[i]), ca.logic_not(small[i]))

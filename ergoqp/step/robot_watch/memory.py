@@ -23,7 +23,10 @@ COMPARED: Final = {
     "rests": (1, 1),  # how often it has come to rest, or was not enabled
     "begun": (1, 1),  # 1 while it stands still and the poses are compared from there
     "seen": (1, 1),  # how many poses were measured
-    "latched": (1, 1),  # 1 from a fault without a measured pose until one is measured, or `try_again`
+    "latched": (
+        1,
+        1,
+    ),  # 1 from a fault without a measured pose until one is measured, or `try_again`
     "doubted": (1, 1),  # 1 from such a fault until a pose is measured
     "presumed": (1, 1),  # 1 while the pose is that of a posture, moved on
 }
@@ -75,9 +78,10 @@ def watch_blocks(problem: Problem) -> dict[str, Sizes]:
     # measured pose. For a late robot it is since the object stood still, because there a hold shows
     # little by little and does not stand out.
     held = {"held": (6, 2)} if problem.robot.longest_hold else {}
-    # The turn of the object by what was sent since it stood still. Turns do not commute, and
-    # differences of consecutive noisy poses would add up to a random walk.
-    turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
+    # The turn of the object by what was sent since it stood still, and how it was turned then.
+    # Turns do not commute, and differences of consecutive noisy poses would add up to a random
+    # walk.
+    turn = {"turned": (3, 3), "turned_from": (3, 3)} if problem.robot.pose_noise_deg else {}
     # By how much the turn of a late robot differs from that, as turns do not commute.
     area = {"area": (3, 1)} if turn and problem.robot.owes else {}
     # For the same reason, without ``turned``: the angle by which the object was turned by what was

@@ -29,6 +29,7 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.packing import count, joined, split
 from ergoqp.step.robot_watch.explained import explained_function
 from ergoqp.step.robot_watch.memory import (
+    ASTRAY,
     COMPARED,
     REPORTED,
     SAID,
@@ -95,6 +96,8 @@ def _astray(model: StepModel, compared: ca.MX, story: ca.MX) -> ca.MX:
     After a fault without a measured pose the object may be anywhere between what was sent and what
     was reported. A pose that was taken from a posture is as far off as is declared.
     """
+    if not model.problem.moves_pose:
+        return ca.MX(ca.DM.zeros(ASTRAY))
     now, robot = split(model.blocks["compared"], compared), model.problem.robot
     first = ca.DM([*[robot.pose_from_posture] * 6, np.radians(robot.pose_from_posture_deg)])
     return now["doubted"] * split(STORY, story)["farthest"] + now["presumed"] * first
@@ -180,36 +183,41 @@ def _compared(model: StepModel) -> ca.Function:
             least - ca.vertcat(0, 0, 0, area, area, area),
             most + ca.vertcat(0, 0, 0, area, area, area),
         )
-    sent_to = now["pose"][:3, :3]
+    # At the start of the comparison the pose has its full error; the turn since then is known up to
+    # noise.
+    at_begin, sent, present = noise, ca.SX.eye(3), now["pose"][:3, :3]
     if "turned" in sizes:
         # In the axes of the turn that was sent. An error that is already present turns with the
         # object: it stays the same in these axes, and would be a fault in those of the world.
-        sent_to = ca.if_else(
-            now["started"], turned(done[3:] + gone[3:], now["turned"]), now["pose"][:3, :3]
-        )
-        apart[3:] = sent_to.T @ _rotation(sent_to, now["pose"][:3, :3])
-        # In these axes the error of a pose may be along any axis.
+        sent = ca.if_else(now["started"], turned(done[3:] + gone[3:], now["turned"]), ca.SX.eye(3))
+        begun = ca.if_else(now["started"], now["turned_from"], present)
+        apart[3:] = sent.T @ _rotation(sent @ begun, present)
+        # In these axes the error of a pose may be along any axis, but that of the first one.
         noise = ca.vertcat(noise[:3], np.sqrt(3) * noise[3:])
     below = above = ca.SX(6, 1)
     if robot.owes:
         below, above = below + stretch * now["down"], above + stretch * now["up"]
     if "turned" in sizes:
-        below[3:], above[3:] = _in_axes(sent_to, below[3:], above[3:])
+        below[3:], above[3:] = _in_axes(sent, below[3:], above[3:])
         if robot.owes:
-            block["area"] = now["area"] + sent_to.T @ _area(now, done)
+            block["area"] = now["area"] + sent.T @ _area(now, done)
             drift = stretch**2 * block["area"]
             below[3:], above[3:] = below[3:] + ca.fmax(drift, 0), above[3:] + ca.fmax(-drift, 0)
             block["area"] = ca.if_else(now["started"], block["area"], 0)
     if robot.longest_hold and robot.owes:
         # Along any axis of a turn: it was somewhere on the way.
-        hold = stretch * robot.longest_hold * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        hold = (
+            stretch
+            * robot.longest_hold
+            * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        )
         if "turned" in sizes:
             hold[3:, :] = ca.norm_2(ca.fmax(hold[3:, 0], hold[3:, 1]))
         below, above = below + hold[:, 0], above + hold[:, 1]
     if robot.gain_error:
         spread = ca.fabs(done)
         if "turned" in sizes:
-            spread[3:] = _spread(sent_to.T @ done[3:], apart[3:])
+            spread[3:] = _spread(sent.T @ done[3:], apart[3:])
         else:
             # The error of a shift is along what was sent; that of a turn turns with the object.
             spread[3:] = ca.norm_2(done[3:])
@@ -232,11 +240,12 @@ def _compared(model: StepModel) -> ca.Function:
         # A turn of more than this is no measure of an error any more: it may lead around.
         around = ca.logic_or(anew, ca.sumsqr(apart[3:]) > _AROUND**2)
         again = ca.vertcat(*[anew] * 3, *[around] * 3)
-        block["turned"] = ca.if_else(around, now["pose"][:3, :3], sent_to)
+        block["turned"] = ca.if_else(around, ca.SX.eye(3), sent)
+        block["turned_from"] = ca.if_else(around, present, begun)
         if "area" in sizes:
             block["area"] = ca.if_else(around, 0, block["area"])
-    least = ca.if_else(again, -(noise + below + unseen), ca.fmax(least, low))
-    most = ca.if_else(again, noise + above + unseen, ca.fmin(most, high))
+    least = ca.if_else(again, -(at_begin + below + unseen), ca.fmax(least, low))
+    most = ca.if_else(again, at_begin + above + unseen, ca.fmin(most, high))
     if "slip" in sizes:
         block["slip"] = ca.if_else(anew, 0, slip)
     if robot.longest_hold and robot.owes:
@@ -248,7 +257,7 @@ def _compared(model: StepModel) -> ca.Function:
     faulty = ca.logic_or(found, ca.logic_and(is_set(now["fault"][0]), ca.logic_not(over)))
     # Without a measured pose nobody knows where a robot is that did something else. What it reports
     # is no ground to move again on.
-    unseen_now = ca.logic_not(now["measured"])
+    unseen_now = ca.logic_not(now["measured"]) if model.problem.moves_pose else ca.SX(0)
     latched = ca.logic_and(unseen_now, ca.logic_or(found, now["latched"]))
     doubted = ca.logic_and(unseen_now, ca.logic_or(found, now["doubted"]))
     presumed = ca.logic_and(unseen_now, ca.logic_or(ca.logic_not(now["started"]), now["presumed"]))
@@ -303,7 +312,7 @@ def _area(now: Mapping[str, ca.SX], done: ca.SX) -> ca.SX:
 
 
 def _spread(turn: ca.SX, apart: ca.SX) -> ca.SX:
-    """Return the most that a turn (3,) adds per axis to a turn that is there already, up to 1.5 rad.
+    """Return the most that a turn (3,) adds per axis to one that is present, of up to 1.5 rad.
 
     It is the inverse of the left Jacobian of the rotations, with the size of each of its terms.
     """

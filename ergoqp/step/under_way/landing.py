@@ -125,14 +125,13 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     return [landed, ca.densify(ca.vertcat(*parts))]
 
 
-def off_rows(
-    rows: ca.SX, astray: ca.SX, tangents: Sequence[bool]
-) -> tuple[ca.SX, ca.SX]:
+def off_rows(rows: ca.SX, astray: ca.SX, tangents: Sequence[bool]) -> tuple[ca.SX, ca.SX]:
     """Return how much nearer to the ends (upper, lower) of rows (m, 6) an object may be.
 
-    An object that is turned by an angle, and turns on as commanded, keeps this angle to the computed
-    one. So no row of its orientation changes by more. The direction of a row that touches a region
-    follows from the computed position, and its distance changes by at most the way to the true one.
+    An object that is turned by an angle, and turns on as commanded, keeps this angle to the
+    computed one. So no row of its orientation changes by more. The direction of a row that touches
+    a region follows from the computed position, and its distance changes by at most the way to the
+    true one.
 
     Args:
         rows: rows at the computed pose.
