@@ -19,6 +19,9 @@ around it; ``phase_...`` are its parts (`benchmarks.step_phases`), which add up 
   without a compiler; ``stop_c_us``: within C; ``stop_difference``: the largest difference of the
   stop in closed form from braking period by period, over all problems without a surface, plain,
   guided and with a declared robot (`benchmarks.step_stop`). ``.1ms``: at a period of 1 ms.
+- ``largest_us``, ``iteration_us``, ``worst_us``: a step that takes every branch, one iteration of
+  the solver, and both at the largest number of iterations (`ergoqp.benchmark_step`);
+  ``compiled_...`` likewise.
 - ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns
   (`benchmarks.mink_peer`), the leanest there is: its terms come from the step's own CasADi
   functions. ``mink_whole_us``: posture and arm as unknowns, as in `ergoqp.whole_body`.
@@ -54,6 +57,7 @@ from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.program.data import qp_data
 from ergoqp.step.stepper import Stepper
+from ergoqp.step.timing import benchmark_step
 
 Call = tuple[Any, Any, float]
 
@@ -238,6 +242,7 @@ def _peers(report: Report, median: float) -> None:
         )
         forms["mink_ratio_c"] = c.median_us
     _stop(report, problem)
+    _largest(report, problem)
     problem = sent_as_planned(problem)
     calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
     peer = mink_steps(problem, calls, "arm")
@@ -281,6 +286,15 @@ def _peers(report: Report, median: float) -> None:
             float(np.median(plain)),
             "NumPy and scikit-learn, the EPFL report's way, no constraints",
         )
+
+
+def _largest(report: Report, problem: Problem) -> None:
+    """Report how long a step can take at the largest number of its operations."""
+    for prefix, compiled in (("", False), ("compiled_", True)):
+        times = benchmark_step(problem, compiled, steps=report.pick(100, 2000))
+        report.figure(f"{prefix}largest_us", times.operations_us, "every branch, slack in every QP")
+        report.figure(f"{prefix}iteration_us", times.iteration_us, "one iteration of the solver")
+        report.figure(f"{prefix}worst_us", times.worst_us, f"at {times.iterations} iterations")
 
 
 def _stop(report: Report, problem: Problem) -> None:
