@@ -51,7 +51,7 @@ class Loop:
         """
         self._problem, self._rng, self._dice, self._tally = problem, rng, dice, tally
         self._law, self._stepper = Law(problem), Stepper(problem)
-        self._joints, self._state = self._law.joints, self._stepper._inputs["state"]
+        self._joints = self._law.joints
         self._object = ObjectJudge(problem, self._stepper, self._law, tally, dice)
         self._reasons = ReasonJudge(problem, self._law.rows, self._joints, tally)
         self._contact = problem.response.contact()
@@ -137,14 +137,14 @@ class Loop:
         if LATCHED in self._reason and self._rng.random() < _ACKNOWLEDGED:
             self._stepper.try_again()
             self._robot.acknowledge()
-        state = self._state.copy()
+        state = self._stepper.state()
         try:
             if call.kind == "reset":
                 self._take_over(call, where)
                 return
             if call.kind == "brake":
                 self._ramp_down(call, where)
-                state = self._state.copy()
+                state = self._stepper.state()
                 step = self._stepper.brake(**call.arguments)
             else:
                 step = self._stepper.step(call.posture, **call.arguments)
@@ -189,11 +189,11 @@ class Loop:
                 None if world is None or self._measures == "integrated" else world.seen.pose,
             )
             return
-        before = self._state.copy()
+        before = self._stepper.state()
         try:
             self._stepper.reset(call.arguments["twist"])
         except InputError:
-            if np.array_equal(before, self._state):
+            if np.array_equal(before, self._stepper.state()):
                 return
         self._tally.wrong(
             "reasons_wrong", "reset takes what is no twist", where, f"{call.arguments}"
@@ -211,17 +211,18 @@ class Loop:
         )
         if not elapsed > 0:
             return
-        state, left = self._state.copy(), elapsed
+        state, left = self._stepper.state(), elapsed
         if elapsed >= 1e-5:
             self._robot.ramped()
         self._object.settle(state, self._sent, 3 * self._problem.dt)
         while left >= 1e-5 and (self._sent.twist.any() or self._law.planned.any()):
             period = min(left, 3 * self._problem.dt)
             left -= period
-            self._go(self._stepper._brake(period, 0.0), period, "asked to brake", True, where)
-        then = self._state.copy()
+            braked = self._stepper.step(None, dt=period, enable=False)
+            self._go(braked, period, "asked to brake", True, where)
+        then = self._stepper.state()
         expected = self._stepper.brake(dt).twist
-        self._state[:] = state
+        self._stepper.restore(state)
         got = self._stepper.brake(dt, elapsed=elapsed).twist
         if np.abs(got - expected).max() > 1e-9:
             self._tally.wrong(
@@ -230,7 +231,7 @@ class Loop:
                 where,
                 f"{got} for dt {dt:g} after {elapsed:g} s, call by call {expected}",
             )
-        self._state[:] = then
+        self._stepper.restore(then)
 
     # --- the judgement of one answer --------------------------------------------------------------
 
@@ -300,7 +301,7 @@ class Loop:
                 where,
                 f"{by:.2g} beyond (relative), {step.status} {step.twist} dt {dt:g}",
             )
-        self._law.take(self._state[:6], step.twist, dt)
+        self._law.take(self._stepper.state()[:6], step.twist, dt)
         if np.abs(self._law.mean() - step.twist).max() > 1e-9 and not self._may_be_short(dt):
             self._tally.wrong(
                 "unsafe", "not the mean", where, f"{step.twist} and {self._law.mean()}"
@@ -379,10 +380,10 @@ class Loop:
 
     def _judge_braking(self, step: Step, state: np.ndarray, dt: float, where: str) -> None:
         """A step that cannot do more sends what `Stepper.brake` does."""
-        kept = self._state.copy()
-        self._state[:] = state
+        kept = self._stepper.state()
+        self._stepper.restore(state)
         braked = self._stepper.brake(dt).twist
-        self._state[:] = kept
+        self._stepper.restore(kept)
         if np.abs(braked - step.twist).max() > 1e-12:
             self._tally.wrong(
                 "unsafe",

@@ -53,7 +53,7 @@ class ObjectJudge:
             tally,
             dice,
         )
-        self._stepper, self._state = stepper, stepper._inputs["state"]
+        self._stepper = stepper
         robot = problem.robot
         self._late = bool(robot.delay or robot.lag or robot.pose_delay)
         # A short history cannot hold two much shorter periods, one after the other.
@@ -122,13 +122,13 @@ class ObjectJudge:
         """
         if self.world is None or not self._loose:
             return
-        self._loose, kept, usual = False, self._state.copy(), self._problem.dt
+        self._loose, kept, usual = False, self._stepper.state(), self._problem.dt
         here = self.rows.outside(self.world.pose)
-        self._state[:] = state
+        self._stepper.restore(state)
         worst, end = self._brake_down(
             self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced"
         )
-        self._state[:] = kept
+        self._stepper.restore(kept)
         held = self._problem.robot.longest_hold * np.maximum(
             np.abs(sent.twist), np.abs(self._law.planned)
         )
@@ -213,7 +213,7 @@ class ObjectJudge:
         Returns:
             How far outside it is at worst on the way, and in the end (k,).
         """
-        state, passed, number = self._state.copy(), 0.0, 0
+        state, passed, number = self._stepper.state(), 0.0, 0
         way: Way = [(world.pose, np.zeros(6))]
         longest = self._longest_stop + 4 * max(periods)
         while not world.at_rest:
@@ -232,5 +232,5 @@ class ObjectJudge:
                 self._tally.wrong("unsafe", f"stop: {name}", where, what)
             way += world.send(step.twist, dt)
             passed, number = passed + dt, number + 1
-        self._state[:] = state
+        self._stepper.restore(state)
         return self.rows.worst(way), self.rows.outside(world.pose)

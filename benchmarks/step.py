@@ -15,6 +15,13 @@ around it; ``phase_...`` are its parts (`benchmarks.step_phases`), which add up 
 - ``compiled_...``: the same calls with ``compiled=True``. ``c_...``: the exported step in C, timed
   in C (`benchmarks.step_c`); ``c_max_difference`` is the largest difference of any of its twists
   from Python's.
+- ``stop_us``: `Stepper.stop` compiled, from full speed at the problem's period; ``stop_loop_us``
+  without a compiler; ``stop_c_us``: within C; ``stop_difference``: the largest difference of the
+  stop in closed form from braking period by period, over all problems without a surface, plain,
+  guided and with a declared robot (`benchmarks.step_stop`). ``.1ms``: at a period of 1 ms.
+- ``largest_us``, ``iteration_us``, ``worst_us``: a step that takes every branch, one iteration of
+  the solver, and both at the largest number of iterations (`ergoqp.benchmark_step`);
+  ``compiled_...`` likewise.
 - ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns
   (`benchmarks.mink_peer`), the leanest there is: its terms come from the step's own CasADi
   functions. ``mink_whole_us``: posture and arm as unknowns, as in `ergoqp.whole_body`.
@@ -42,6 +49,7 @@ from benchmarks.plain_peer import plain_step_us
 from benchmarks.report import Report, run
 from benchmarks.step_c import c_times
 from benchmarks.step_phases import phases_us
+from benchmarks.step_stop import from_full_speed, stop_c_us, stop_difference, stop_us
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
@@ -49,6 +57,7 @@ from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.program.data import qp_data
 from ergoqp.step.stepper import Stepper
+from ergoqp.step.timing import benchmark_step
 
 Call = tuple[Any, Any, float]
 
@@ -232,6 +241,8 @@ def _peers(report: Report, median: float) -> None:
             f"largest difference from Python over {c.states} steps [m/s, rad/s]",
         )
         forms["mink_ratio_c"] = c.median_us
+    _stop(report, problem)
+    _largest(report, problem)
     problem = sent_as_planned(problem)
     calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
     peer = mink_steps(problem, calls, "arm")
@@ -275,6 +286,30 @@ def _peers(report: Report, median: float) -> None:
             float(np.median(plain)),
             "NumPy and scikit-learn, the EPFL report's way, no constraints",
         )
+
+
+def _largest(report: Report, problem: Problem) -> None:
+    """Report how long a step can take at the largest number of its operations."""
+    for prefix, compiled in (("", False), ("compiled_", True)):
+        times = benchmark_step(problem, compiled, steps=report.pick(100, 2000))
+        report.figure(f"{prefix}largest_us", times.operations_us, "every branch, slack in every QP")
+        report.figure(f"{prefix}iteration_us", times.iteration_us, "one iteration of the solver")
+        report.figure(f"{prefix}worst_us", times.worst_us, f"at {times.iterations} iterations")
+
+
+def _stop(report: Report, problem: Problem) -> None:
+    """Report what the stop takes, and whether it is the one that braking gives."""
+    fast, given = Stepper(problem, compiled=True), from_full_speed(problem, 200)
+    fast.restore(given[-1])
+    rows = len(fast.stop())
+    report.figure("stop_us", stop_us(fast, given), f"Stepper.stop, compiled, {rows} twists")
+    loop = stop_us(Stepper(problem), given[:20])
+    report.figure("stop_loop_us", loop, "the loop of brake, interpreted")
+    for name, each in (("stop_c_us", problem), ("stop_c_us.1ms", problem.replace(dt=0.001))):
+        us, rows = stop_c_us(each, from_full_speed(each, 200))
+        report.figure(name, us, f"within C, {rows} twists")
+    apart, count = stop_difference(report.pick(50, 500))
+    report.figure("stop_difference", apart, f"of {count} stops [m/s, rad/s]")
 
 
 if __name__ == "__main__":

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
     from ergoqp.step.answer.step import Step as Step
     from ergoqp.step.function import step_function as step_function
     from ergoqp.step.replay import replay as replay
+    from ergoqp.step.state import initial_state as initial_state
     from ergoqp.step.stepper import Stepper as Stepper
+    from ergoqp.step.timing import benchmark_step as benchmark_step
 
 _LATER = {
     "Control": "ergoqp.problem.control",
@@ -46,9 +48,11 @@ _LATER = {
     "Seeker": "ergoqp.seeking.seeker",
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
+    "benchmark_step": "ergoqp.step.timing",
     "compare": "ergoqp.comparison.compare",
     "fit_postures": "ergoqp.recordings.load",
     "identify": "ergoqp.identification.identify",
+    "initial_state": "ergoqp.step.state",
     "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem_files.load",
     "load_recording": "ergoqp.recordings.load",
@@ -70,10 +74,12 @@ __all__ = [
     "Step",
     "Stepper",
     "__version__",
+    "benchmark_step",
     "compare",
     "errors",
     "fit_postures",
     "identify",
+    "initial_state",
     "load_cost",
     "load_problem",
     "load_recording",

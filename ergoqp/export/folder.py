@@ -31,6 +31,8 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.function import build_step
 from ergoqp.step.guide.place import read_guide
 from ergoqp.step.guide.trial import UNKNOWN
+from ergoqp.step.model import StepModel
+from ergoqp.step.stopping import longest_stop
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""
@@ -102,6 +104,7 @@ def export_step(
         f"src/{CORE}.c": '#include "inline.h"\n' + core[f"{CORE}.c"],
         f"src/{CORE}.h": core[f"{CORE}.h"],
         "src/inline.h": c_text("inline.h"),
+        "src/stop.h": c_text("stop.h"),
         "src/ergoqp_step.c": c_text("ergoqp_step.c"),
         "src/ergoqp_names.c": names_source(problem),
         "src/qp.c": sizes_source(solver.sizes),
@@ -151,6 +154,7 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
         "UNKNOWN": repr(UNKNOWN),
         "GUIDE": _DRAWN if guided else _DESCENT,
         "STEPPER_BYTES": str(size),
+        "STOP": str(longest_stop(StepModel(problem))),
     }
     text = c_text(name)
     for word, value in words.items():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ergoqp._version import __version__
 from ergoqp.export.fields import input_fields, members, output_fields
 from ergoqp.problem.problem import Problem
@@ -14,7 +16,8 @@ from ergoqp.step.guide.trial import FIRM, TRIAL, UNKNOWN
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
 from ergoqp.step.robot_watch.faults import Fault
-from ergoqp.step.state import initial_state
+from ergoqp.step.state import state_at_start
+from ergoqp.step.stopping import longest_stop
 from ergoqp.step.under_way.history import SHORTEST_DT
 
 _GUIDE_VALUES = f"""
@@ -22,6 +25,7 @@ _GUIDE_VALUES = f"""
 #define ERGOQP_PROMISE_UNKNOWN {UNKNOWN!r}
 #define ERGOQP_PROMISE_FIRM {FIRM!r}
 """
+_TRIED = " The place of the guide is tried again."
 _GUIDE_CALLS = """\
 /* Set the place of the guide: a contact frame in the world, row-major 4 x 4 [m]. A null pointer:
  * descent alone. promise: the expected cost there [points]. The trial of the last place is
@@ -30,9 +34,6 @@ _GUIDE_CALLS = """\
  * allow. ergoqp_init and ergoqp_take_over set the place of the export: call this function again
  * after them. */
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise);
-
-/* Try the place again: the trial of it is forgotten. */
-void ergoqp_try_again(ergoqp_stepper* stepper);
 
 """
 
@@ -116,6 +117,16 @@ ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input,
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed,
                            ergoqp_output* output);
 
+/* The twists of the certified stop from here, one per period ERGOQP_DT, the last one zero, as
+ * ergoqp_brake would give them. For a robot that is to stop by itself when no twist comes: send
+ * them in advance. Returns how many there are. The stepper is as before. */
+int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]);
+
+/* Allow motion again after a fault of the robot that no measured pose ended (cause `latched`). The
+ * object may then be anywhere between what was sent and what was reported since a pose was
+ * measured, and the limits count both.{_TRIED if guided else ""} */
+void ergoqp_try_again(ergoqp_stepper* stepper);
+
 {_GUIDE_CALLS if guided else ""}/* Names, for logs. */
 extern const char* const ergoqp_coordinate_names[ERGOQP_COORDINATES];
 extern const char* const ergoqp_row_names[ERGOQP_ROWS + 1];
@@ -164,18 +175,29 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     lines += [
         f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")
     ]
-    history, initial = model.history, ", ".join(map(repr, initial_state(model).tolist()))
+    history, initial = model.history, _listed(state_at_start(model))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
+    lines += [
+        f"#define ERGOQP_STATE_AT_{name} {model.places[name].start}"
+        for name in ("idle", "due", "latched", *(["trial"] if guided else []))
+    ]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
-    lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]
+    lines += [f"#define ERGOQP_SPEED {_listed(problem.twist_limit.speed)}"]
     lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
     lines += [
         f"#define ERGOQP_LONGEST_CUT {3 * problem.dt!r}",
         f"#define ERGOQP_LONGEST_STOP {problem.stop.duration!r}",
+        f"#define ERGOQP_STOP {longest_stop(model)} /* most twists of a stop */",
+        f"#define ERGOQP_AVERAGE {float(problem.average)!r}",
+        f"#define ERGOQP_ACCELERATION {_listed(problem.twist_limit.acceleration)}",
     ]
-    lines += [f"#define ERGOQP_INITIAL_STATE {initial}", ""]
+    lines += ["#define ERGOQP_SURFACE"] if problem.surface is not None else []
+    taken = _listed(state_at_start(model, np.zeros(6)))
+    late = problem.robot.dead_time + problem.robot.lag
+    lines += [f"#define ERGOQP_INITIAL_STATE {initial}", f"#define ERGOQP_TAKEN_STATE {taken}"]
+    lines += [f"#define ERGOQP_LATE {float(late)!r}", ""]
     if guide is not None:
-        first = ", ".join(map(repr, [*guide.pose.T.ravel().tolist(), 1.0, float(guide.expected)]))
+        first = _listed(np.array([*guide.pose.T.ravel(), 1.0, guide.expected]))
         lines += [f"#define ERGOQP_GUIDE {first}", f"#define ERGOQP_TRIAL {TRIAL}", ""]
     found = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
     for word, names, count in (("INPUT", inputs, sizes), ("OUTPUT", found, outputs)):
@@ -217,6 +239,10 @@ def c_string(text: str) -> str:
     """Return any text as a literal of C: UTF-8 bytes, unusual ones in octal."""
     plain = {byte: chr(byte) for byte in range(32, 127) if chr(byte) not in '"\\?'}
     return '"' + "".join(plain.get(byte, f"\\{byte:03o}") for byte in text.encode()) + '"'
+
+
+def _listed(numbers: np.ndarray) -> str:
+    return ", ".join(map(repr, numbers.tolist()))
 
 
 def _macro(core: str, kind: str) -> int:

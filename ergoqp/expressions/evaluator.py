@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,9 @@ class Evaluator:
     are stored.
 
     Attributes:
-        inputs: inputs of the function, by name.
+        given: all inputs, one after the other.
+        places: slices of `given`, by the name of the input.
+        inputs: views of `given`, by name.
         results: all outputs, one after the other.
         slices: slices of `results`, by the name of the output.
         outputs: views of `results`, by name.
@@ -34,15 +36,11 @@ class Evaluator:
     def __init__(self, function: ca.Function) -> None:
         """Allocate the arrays."""
         self._function = function
-        self.inputs = {
-            name: np.zeros(function.nnz_in(i)) for i, name in enumerate(function.name_in())
-        }
-        self.slices: dict[str, slice] = {}
-        end = 0
-        for i, name in enumerate(function.name_out()):
-            begin, end = end, end + function.nnz_out(i)
-            self.slices[name] = slice(begin, end)
-        self.results = np.zeros(end)
+        self.places = _consecutive(function.name_in(), function.nnz_in)
+        self.given = np.zeros(function.nnz_in())
+        self.inputs = {name: self.given[part] for name, part in self.places.items()}
+        self.slices = _consecutive(function.name_out(), function.nnz_out)
+        self.results = np.zeros(function.nnz_out())
         self.outputs = {name: self.results[part] for name, part in self.slices.items()}
         self._buffer, self.evaluate = _bound(function, self.inputs.values(), self.outputs.values())
 
@@ -69,6 +67,15 @@ class Evaluator:
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
         return [self._function.size_out(i) for i in range(self._function.n_out())]
+
+
+def _consecutive(names: Iterable[str], count: Callable[[int], int]) -> dict[str, slice]:
+    """Return the slices of named parts that follow each other."""
+    parts, end = {}, 0
+    for i, name in enumerate(names):
+        begin, end = end, end + count(i)
+        parts[name] = slice(begin, end)
+    return parts
 
 
 def evaluated_once(function: ca.Function, given: Array) -> Array:

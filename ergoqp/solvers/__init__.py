@@ -96,6 +96,39 @@ def solver_named(name: str) -> QpSolver:
     raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(names)}")
 
 
+def read_solver(solver: str | QpSolver) -> QpSolver:
+    """Return a solver by its name, or the user's object after a trial.
+
+    Raises:
+        InputError: if there is no solver of that name, or two, or the object is not a `QpSolver`
+            that gives workspaces.
+        MissingExtraError: if it is not installed.
+
+    Example:
+        >>> from ergoqp.solvers import read_solver
+        >>> read_solver("daqp").name
+        'daqp'
+    """
+    if isinstance(solver, str):
+        return solver_named(solver)
+    if not isinstance(solver, QpSolver):
+        raise InputError(
+            f"solver: got {shown(solver)}, allowed a name, or an object of a class that is derived"
+            " from ergoqp.solvers.QpSolver"
+        )
+    try:
+        usable = callable(getattr(solver.workspace(6, 1, 1e-7), "solve", None))
+        got = "a workspace without solve"
+    except Exception as error:  # any error of a user's solver
+        usable, got = False, in_words(error)
+    if not usable:
+        raise InputError(
+            f"solver {solver.name}: got {got}, allowed a workspace with solve(qp, warm) for any"
+            " size"
+        )
+    return solver
+
+
 @cache
 def _made(make: Callable[..., Any], name: str, *given: str) -> Any:
     """Make a solver once, and keep it with its name."""

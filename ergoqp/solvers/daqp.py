@@ -17,7 +17,9 @@ from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver
 
 # The control step uses CasADi's plugin, which is compiled code like the rest of the step.
-_IN_STEP: Final = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10, "iter_limit": 500}}
+_IN_STEP: Final = {"primal_tol": 1e-9, "dual_tol": 1e-10}
+ITERATIONS: Final = 500
+"""Largest number of iterations for one QP of the control step."""
 
 # It stops at a vertex of the active constraints, so more accuracy costs nothing. Reducing
 # equalities first is meant for single solves.
@@ -39,13 +41,25 @@ class Daqp(QpSolver):
 
     def function(self, n: int, m: int) -> ca.Function:
         """Return the solver for `n` unknowns and `m` rows, without Python code."""
-        shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-        qp = ca.conic("qp", "daqp", shapes, {"error_on_fail": False, **_IN_STEP})
+        qp = in_step(n, m, ITERATIONS)
         names = ["h", "g", "a", "lba", "uba", "lbx", "ubx"]
         sizes = [(n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1)]
         inputs = [ca.MX.sym(name, *size) for name, size in zip(names, sizes, strict=True)]
         answer = qp(**dict(zip(names, inputs, strict=True)))
         return ca.Function("daqp", inputs, [answer["x"], answer["lam_a"], answer["lam_x"]])
+
+
+def in_step(n: int, m: int, iterations: int) -> ca.Function:
+    """Return CasADi's plugin with the settings of the control step.
+
+    Args:
+        n: number of unknowns.
+        m: number of rows.
+        iterations: largest number of iterations.
+    """
+    shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
+    settings = {**_IN_STEP, "iter_limit": iterations}
+    return ca.conic("qp", "daqp", shapes, {"error_on_fail": False, "daqp": settings})
 
 
 class _DaqpWorkspace:

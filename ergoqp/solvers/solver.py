@@ -96,6 +96,8 @@ def passing_on(call: Callable[[], object]) -> Callable[[], None]:
     """
 
     def called() -> None:
+        # One that is left was raised in a call that was interrupted once more.
+        _INTERRUPTS.pop(threading.get_ident(), None)
         call()
         if end := _INTERRUPTS.pop(threading.get_ident(), None):
             raise end

@@ -153,8 +153,10 @@ def shortened(model: StepModel, known: Mapping[str, ca.MX]) -> ca.MX:
     """Return the shares (6,) of `_shorten_function`; all are one if the ``whole`` way holds."""
     shorten = _shorten_function(model)
     all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
-    choose = ca.Function.if_else("shorten_or_not", all_of_it, shorten)
-    return choose(known["whole"], *(known[name] for name in shorten.name_in()))
+    choose = ca.Function.if_else("shorten_or_not", shorten, all_of_it)
+    return choose(
+        model.if_needed(ca.logic_not(known["whole"])), *(known[name] for name in shorten.name_in())
+    )
 
 
 def _shorten_function(model: StepModel) -> ca.Function:

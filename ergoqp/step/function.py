@@ -9,12 +9,12 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from ergoqp.arguments import check_kind, flag
+from ergoqp.arguments import check_kind, flag, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
-from ergoqp.solvers import QpSolver, solver_named
+from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer.accounting import account_function
 from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
@@ -32,13 +32,17 @@ from ergoqp.step.under_way.motion import UnderWay, next_history, under_way
 
 
 def step_function(
-    problem: Problem, solver: str = "daqp", compiled: bool = False, *, guided: bool = False
+    problem: Problem,
+    solver: str | QpSolver = "daqp",
+    compiled: bool = False,
+    *,
+    guided: bool = False,
 ) -> ca.Function:
     """Return the whole control step of a problem as one pure CasADi function; see `build_step`.
 
     Args:
         problem: the task.
-        solver: name of the QP solver, see `ergoqp.solvers`.
+        solver: name of the QP solver, see `ergoqp.solvers`, or a `QpSolver` of your own.
         compiled: whether to compile the step with the C compiler, into the user's cache. The solver
             must be DAQP.
         guided: whether the function has the inputs of a guide, see `ergoqp.step.guide.pull`.
@@ -59,11 +63,11 @@ def step_function(
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     compiled, guided = flag("compiled", compiled), flag("guided", guided)
-    chosen = solver_named(solver)
+    chosen = read_solver(solver)
     if not compiled:
         return build_step(problem, chosen, guided=guided)
-    if chosen.name != "daqp":
-        raise InputError(f"compiled: got the solver {solver!r}, allowed only 'daqp'")
+    if chosen is not solver_named("daqp"):
+        raise InputError(f"compiled: got the solver {shown(solver)}, allowed only 'daqp'")
     return machine_code(lambda native: build_step(problem, native, guided=guided, unrolled=True))
 
 
@@ -73,12 +77,13 @@ def build_step(
     name: str = "step",
     guided: bool = False,
     unrolled: bool = False,
+    every_branch: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
     Inputs that may be absent have a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or
     1). ``ask`` is 1 if only the braking twist is wanted. The whole state is an input and an output,
-    see `ergoqp.step.state`. So the same inputs always give the same outputs.
+    see `ergoqp.initial_state`. So the same inputs always give the same outputs.
 
     ``residuals`` holds the largest residual of the QP, the contact motion that the posture cannot
     follow [m/s, rad/s in one norm], and the accepted share of the way from braking to the QP's
@@ -93,8 +98,10 @@ def build_step(
             `ergoqp.step.guide.pull`.
         unrolled: whether every operation is written on its own instead of as vectors. This is the
             fastest form for a compiler and the slowest for an interpreter.
+        every_branch: whether it always takes the longer branch. Its answers are those of a step
+            only where all are needed; it is for `ergoqp.step.timing`.
     """
-    model, shape = StepModel(problem, guided), scalars if unrolled else vectors
+    model, shape = StepModel(problem, guided, every_branch), scalars if unrolled else vectors
     names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])
@@ -140,6 +147,7 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
     )
     after |= {"history": ca.vertcat(*history), "stored": known["pose"], "rest": known["next_rest"]}
     after["started"] = known["next_started"]
+    after |= {"last_posture": known["posture"], "on_hold": known["on_hold"]}
     if model.problem.robot.owes:
         seen = ca.logic_or(known["measured"], ca.logic_not(is_set(known["started"])))
         ends = ca.horzcat(found.up, found.down)

@@ -15,6 +15,7 @@ from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.model import StepModel
+from ergoqp.step.under_way.history import CLOCK_ROUNDING
 from ergoqp.step.under_way.motion import UnderWay
 
 INPUTS: Final = (
@@ -73,8 +74,9 @@ def read_inputs(
         `Cause`; and everything else that was given.
     """
     seen = is_set(given["observed"])
-    usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)
-    posture = ca.if_else(usable, given["posture"], model.stand_in)
+    last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
+    usable = ca.logic_and(seen, ca.fabs(last) <= model.problem.response.largest)
+    posture = ca.if_else(usable, last, model.stand_in)
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
     known = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
@@ -98,6 +100,7 @@ _KEPT: Final = (
     "dt_ok",
     "posture_ok",
     "fits",
+    "on_hold",
 )
 
 
@@ -113,14 +116,14 @@ def _read_function(model: StepModel) -> ca.Function:
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
-    age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
+    age_ok, fresh = raw["age"] >= -CLOCK_ROUNDING, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
     # What was sent is integrated, and never the noisy report: see `ergoqp.step.robot_watch.watch`.
     moved = raw["sent"] * raw["lasted"] + raw["changed"]
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
-    disabled = ca.logic_not(is_set(raw["enable"]))
+    disabled = ca.logic_or(ca.logic_not(is_set(raw["enable"])), is_set(raw["on_hold"]))
     bad = {
         Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),
         Cause.pose: ca.logic_and(has_pose, ca.logic_not(pose_ok)),

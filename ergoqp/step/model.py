@@ -15,7 +15,7 @@ from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
 from ergoqp.step.guide.trial import TRIAL
-from ergoqp.step.packing import Sizes, count
+from ergoqp.step.packing import Sizes, count, places
 from ergoqp.step.program.bounds import limit_values, movable_rows
 from ergoqp.step.rest import STATES
 from ergoqp.step.robot_watch.memory import ASTRAY, watch_blocks
@@ -33,10 +33,17 @@ class StepModel:
     Attributes:
         problem: the task.
         guided: whether the step can be drawn to a guide.
+        every_branch: whether the step takes every branch, to be timed; see
+            `ergoqp.step.timing`.
     """
 
     problem: Problem
     guided: bool = False
+    every_branch: bool = False
+
+    def if_needed(self, needed: ca.MX) -> ca.MX:
+        """Return the condition of a branch that takes longer than the other."""
+        return ca.MX(1) if self.every_branch else needed
 
     @cached_property
     def history(self) -> History:
@@ -62,6 +69,8 @@ class StepModel:
     def state(self) -> Sizes:
         """Shape of every part of the state, in order."""
         sizes = {"history": (count(self.history.sizes), 1), "stored": (4, 4), "started": (1, 1)}
+        # The posture stays in use while no frame arrives.
+        sizes |= {"last_posture": (len(self.problem.coordinates), 1), "on_hold": (1, 1)}
         sizes |= {"rest": (STATES, 1)}
         sizes |= {name: (count(block), 1) for name, block in self.blocks.items()}
         if self.problem.robot.owes:
@@ -71,6 +80,16 @@ class StepModel:
         if self.asks_back:
             sizes["asked"] = (2, 1)
         return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Slice of the state of each part, and of the parts of the history and of the watch."""
+        found = places(self.state)
+        for name, sizes in {"history": self.history.sizes, **self.blocks}.items():
+            start = found[name].start
+            inner = {part: (at.start, at.stop) for part, at in places(sizes).items()}
+            found |= {part: slice(start + a, start + b) for part, (a, b) in inner.items()}
+        return found
 
     @cached_property
     def sizes(self) -> Sizes:

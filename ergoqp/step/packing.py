@@ -16,12 +16,6 @@ def count(sizes: Sizes) -> int:
     return sum(rows * columns for rows, columns in sizes.values())
 
 
-def place_in(sizes: Sizes, name: str) -> int:
-    """Return where a part begins in the vector of all parts."""
-    before = list(sizes)[: list(sizes).index(name)]
-    return count({part: sizes[part] for part in before})
-
-
 def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
     """Return the parts of a vector by name, each in its shape."""
     parts, start = {}, 0
@@ -30,6 +24,15 @@ def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
         parts[name] = part if columns == 1 else ca.reshape(part, rows, columns)
         start += rows * columns
     return parts
+
+
+def places(sizes: Sizes) -> dict[str, slice]:
+    """Return the slice of the vector that holds each part."""
+    found, end = {}, 0
+    for name, (rows, columns) in sizes.items():
+        begin, end = end, end + rows * columns
+        found[name] = slice(begin, end)
+    return found
 
 
 def joined(sizes: Sizes, parts: Mapping[str, Any]) -> Any:

@@ -6,15 +6,18 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ergoqp.arguments import as_tuple, check_kind
+from ergoqp.arguments import as_tuple, check_kind, shown
 from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers import QpSolver, read_solver
 from ergoqp.step.answer.step import Step
 from ergoqp.step.guide.place import RECORDED
 from ergoqp.step.stepper import Stepper
 
 
-def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
+def replay(
+    problem: Problem, log: Sequence[Mapping[str, Any]], solver: QpSolver | None = None
+) -> list[Step]:
     """Return the steps of a logged loop, computed from its log alone.
 
     The same inputs give the same answers, bit for bit (with ProxQP up to its last bits).
@@ -24,10 +27,14 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
 
     Args:
         problem: the problem of the logged loop.
-        log: the dicts that the log function received, in order.
+        log: the dicts that the log function received, in order. A call that was interrupted may
+            have left one: it gives a step that nobody received.
+        solver: the solver of the logged loop, if it was an object that `Stepper` got. A log holds
+            only its name.
 
     Raises:
-        InputError: if an entry does not come from such a loop.
+        InputError: if an entry does not come from such a loop, or if the logged loop had a solver
+            that is an object and `solver` is None, or the other way around.
         CompilerError: if the logged step was compiled, and there is no compiler here.
 
     Example:
@@ -42,6 +49,7 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     log = as_tuple("log", log)
+    _check_solver(log, solver)
     steppers: dict[str, Stepper] = {}
     steps = []
     for number, entry in enumerate(log):
@@ -50,6 +58,8 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
             guided = "guide" in entry
             stepper = steppers.get(key := repr((sorted(loop.items()), guided)))
             if stepper is None:
+                if loop.pop("own_solver", False):
+                    loop["solver"] = solver
                 stepper = steppers[key] = Stepper(
                     problem, **loop, guide=RECORDED if guided else None
                 )
@@ -61,5 +71,28 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
                 " dicts that its log sink got"
             ) from None
         stepper._call()
-        steps.append(stepper._answer(notes, time.perf_counter()))
+        if entry.get("instead"):  # the answer before was too late, and this one was sent
+            steps.pop()
+        steps.append(stepper._answer(stepper._ready, notes, time.perf_counter()))
     return steps
+
+
+def _check_solver(log: Sequence[Any], given: QpSolver | None) -> None:
+    """Check that a solver is given if the loop had one that was an object, and only then."""
+    if given is not None:
+        read_solver(given)
+    for number, entry in enumerate(log):
+        loop = entry.get("loop") if isinstance(entry, Mapping) else None
+        if not isinstance(loop, Mapping):
+            continue
+        name, own = shown(loop.get("solver")), bool(loop.get("own_solver"))
+        if own and given is None:
+            raise InputError(
+                f"log: entry {number} is of a loop with a solver {name} that was given as an"
+                " object, which a log does not hold, allowed with replay(..., solver=that object)"
+            )
+        if given is not None and not own:
+            raise InputError(
+                f"solver: got {shown(given)}, allowed only for a loop whose solver was given as an"
+                f" object; that of entry {number} is {name}"
+            )

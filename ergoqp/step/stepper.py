@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -14,21 +15,25 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.answer.step import Step
 from ergoqp.step.function import step_function
-from ergoqp.step.guide.place import Guide, read_guide
-from ergoqp.step.guide.trial import TRIAL
+from ergoqp.step.guide.place import read_guide
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import place_in
-from ergoqp.step.rest import STATES, stalled
-from ergoqp.step.state import initial_state
+from ergoqp.step.ready import Layout, Ready
+from ergoqp.step.rest import stalled
+from ergoqp.step.state import state_at_start
+from ergoqp.step.stopping import stop_function
 from ergoqp.step.under_way.history import SHORTEST_DT
 from ergoqp.step.user_values import number, put, truth
 
 _ROUNDING: Final = 1e-9
 """Tolerance of the speed limits [m/s, rad/s]."""
+
+LONGEST_DEADLINE: Final = 10.0
+"""Longest deadline of a step [s]."""
 
 _STATUSES: Final = tuple(status.name for status in Status)
 
@@ -40,7 +45,7 @@ class Stepper:
 
     Args:
         problem: the task.
-        solver: name of the QP solver, see `ergoqp.solvers`.
+        solver: name of the QP solver, see `ergoqp.solvers`, or a `QpSolver` of your own.
         compiled: whether to compile the step with the C compiler. The answers are the same, in a
             fraction of the time.
         dt: control period [s]. None: that of the problem.
@@ -51,9 +56,13 @@ class Stepper:
         guide: a place that the object is drawn to if descent alone comes to rest at a worse one:
             the optimum of `ergoqp.optimise`, or a pose (4, 4) [m], see
             `ergoqp.step.guide.place.read_guide`. The limits are the same as without a guide.
+        deadline: how long a call of `step` may take [s]. If it takes longer, its answer is dropped
+            and the object brakes; the reason says so. The braking twist takes one more evaluation.
+            None: there is no deadline.
 
     Raises:
-        InputError: if the solver is unknown, `dt` is out of range, or the guide cannot be used.
+        InputError: if the solver is unknown, `dt` or `deadline` is out of range, or the guide
+            cannot be used.
         ProblemError: if the workspace is too narrow for such a period.
         CompilerError: if there is no C compiler for ``compiled=True``.
 
@@ -71,11 +80,12 @@ class Stepper:
     def __init__(
         self,
         problem: Problem,
-        solver: str = "daqp",
+        solver: str | QpSolver = "daqp",
         compiled: bool = False,
         dt: float | None = None,
         log: LogSink | None = None,
         guide: Any = None,
+        deadline: float | None = None,
     ) -> None:
         """Build the step function once.
 
@@ -83,49 +93,85 @@ class Stepper:
         """
         if dt is not None:
             check_number("dt", dt, *PERIODS, "s")
+        if deadline is not None:
+            check_number("deadline", deadline, SHORTEST_DT, LONGEST_DEADLINE, "s")
         check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
         compiled = flag("compiled", compiled)
         check_called("log", log, "a function that takes the record of a step")
         self.problem = problem if dt is None else problem.replace(dt=float(dt))
         self.dt = self.problem.dt
-        self._state = (len(self.problem.coordinates),)
+        self._shape = (len(self.problem.coordinates),)
         self._log = log
+        self._deadline = math.inf if deadline is None else float(deadline)
         self._longest_stop = self.problem.stop.duration
-        self._loop = {"dt": self.dt, "solver": solver, "compiled": compiled}
+        self._solver = read_solver(solver)
+        self._loop = {"dt": self.dt, "solver": self._solver.name, "compiled": compiled}
+        if not isinstance(solver, str):
+            self._loop["own_solver"] = True
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
         self._model = StepModel(self.problem, self._guided)
-        self._begin = initial_state(self._model)
-        # The history comes first in the state, the planned twists in it, then the sent ones; newest
-        # first.
-        sent_at = 6 * self._model.history.planned
-        self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
-        parts = self._model.state
-        self._latched_at = place_in(parts, "compared") + place_in(
-            self._model.blocks["compared"], "latched"
-        )
-        self._rest_at = place_in(parts, "rest")
+        self._begin = state_at_start(self._model)
         self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
-        self._notes: dict[str, str] = {}
+        closed = compiled and self.problem.surface is None
+        self._closed_stop = stop_function(self._model) if closed else None
         self._held = False
-        if place is not None:
-            self._lead(place)
-        self.reset()
+        self._ready = self._layout.usual(self._given.size, self._begin, place)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
         self._evaluator = evaluator = Evaluator(function)
-        self._call, self._inputs = evaluator.evaluate, evaluator.inputs
-        if self._loop["solver"] != "daqp":
+        self._call, self._given = evaluator.evaluate, evaluator.given
+        self._inputs, self._layout = evaluator.inputs, Layout(self._model, evaluator.places)
+        if self._solver is not solver_named("daqp"):
             self._call = passing_on(evaluator.evaluate)
         # One array for all outputs: a step copies it once, and all its members are views of the
         # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
         # The state that one step hands to the next.
-        self._state_in, self._state_out = self._inputs["state"], evaluator.outputs["next_state"]
+        self._state_out = evaluator.outputs["next_state"]
         self._status_at = self._slices["status"].start
+        at, parts = self._layout.at, self._layout.parts
+        self._held_at = at["state"].start + parts["on_hold"].start
         # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
+
+    def state(self) -> np.ndarray:
+        """Return the state (n,): all that the calls so far leave to the next one.
+
+        It is the input ``state`` of `ergoqp.step_function`; see `ergoqp.initial_state` for what is
+        in it. `hold` is a part of it. The guide is not, but what was learned about it is.
+        """
+        state = self._layout.state(self._ready).copy()
+        state[self._layout.parts["on_hold"]] = self._held
+        return state
+
+    def restore(self, state: Any) -> None:
+        """Continue from a state: the next calls give what they would have given from there.
+
+        Args:
+            state: what `state` of a stepper of the same problem has returned, or
+                `ergoqp.initial_state` (n,).
+
+        Raises:
+            InputError: if `state` is not n finite numbers, or its last twists are beyond the speed
+                limits.
+        """
+        n = self._begin.size
+        state = read_array("state", state, (n,), f"{n} finite numbers, as state() returns them")
+        at = self._layout.parts
+        twists = np.concatenate([state[at["planned"]], state[at["sent"]]]).reshape(-1, 6)
+        fastest, speed = np.abs(twists).max(axis=0), self.problem.twist_limit.speed
+        if (fastest > speed + _ROUNDING).any():
+            raise InputError(
+                f"state: got twists of up to {fastest.round(6).tolist()}, allowed within the speed"
+                f" limits {speed.tolist()}"
+            )
+        held = bool(state[at["on_hold"]] > 0.5)
+        # An interrupt between two of these leaves the loop rather on hold.
+        self._held = self._held or held
+        self._ready = self._layout.with_state(self._ready, state)
+        self._held = held
 
     def reset(self, twist: Any = None) -> None:
         """Reset the state of the loop: the last twists, the last pose, the state of rest.
@@ -140,12 +186,9 @@ class Stepper:
         Raises:
             InputError: if `twist` is not six finite numbers.
         """
-        state, self._held = self._begin, False
-        if twist is not None:
-            speed = self.problem.twist_limit.speed
-            state = initial_state(self._model, np.clip(_six(twist), -speed, speed))
-        self._state_in[:] = state
-        self._inputs["posture"][:] = 0.0
+        state = self._begin if twist is None else state_at_start(self._model, twist)
+        self._ready = self._layout.with_state(self._ready, state)
+        self._held = False
 
     def hold(self) -> None:
         """Bring the object to rest and keep it there until `try_again` or `reset`.
@@ -161,10 +204,9 @@ class Stepper:
         object may then be anywhere between what was sent and what was reported since a pose was
         measured, and the limits count both.
         """
+        trial = ["trial"] if self._guided else []
+        self._ready = self._layout.forgotten(self._ready, "latched", *trial)
         self._held = False
-        self._state_in[self._latched_at] = 0.0
-        if self._guided:
-            self._state_in[-TRIAL:] = 0.0
 
     @property
     def stalled(self) -> float:
@@ -172,7 +214,7 @@ class Stepper:
 
         The larger it is, the more slowly the next step moves.
         """
-        return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
+        return float(stalled(self._layout.state(self._ready)[self._layout.parts["rest"]]))
 
     def guide(self, guide: Any) -> None:
         """Replace the guide from now on, or remove it.
@@ -191,23 +233,18 @@ class Stepper:
                 "guide: the stepper was made without one, allowed only where Stepper(guide=...) had"
                 " a place"
             )
-        self._notes.clear()
-        self._inputs["guided"][0] = 0.0
-        self._state_in[-TRIAL:] = 0.0
-        if guide is None:
-            return
+        place, notes = None, {}
         try:
-            self._lead(read_guide(self.problem, guide))
+            place = None if guide is None else read_guide(self.problem, guide)
         except InputError as error:
-            self._notes["guide"] = str(error)
+            notes["guide"] = str(error)
         except Exception as error:  # any error of a user's object; the loop goes on
-            self._notes["guide"] = (
+            notes["guide"] = (
                 f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
             )
-
-    def _lead(self, place: Guide) -> None:
-        self._inputs["guide"][:], self._inputs["guided"][0] = place.pose.T.ravel(), 1.0
-        self._inputs["promise"][0] = place.expected
+        inputs = self._layout.forgotten(self._ready, "trial").inputs
+        self._layout.lead(inputs, place)
+        self._ready = Ready(inputs, notes, self._ready.frame)
 
     def step(
         self,
@@ -237,40 +274,41 @@ class Stepper:
                 not the time since the last call: a late call ends what was certified. A period
                 longer than three periods of the loop (or than the declared ``longest_hold``)
                 brakes.
-            age: age of the posture [s].
+            age: age of the posture [s]. Down to -1 ms it counts as 0: clocks round.
             enable: False decelerates to rest. So does a value that is neither True nor False (1 and
                 0 are allowed).
             observed: (32,) bool, False for joints that the sensors do not see in this frame. None:
                 all are seen. The entry of an unseen joint in `posture` is not used.
         """
-        start = time.perf_counter()
-        into, notes = self._inputs, {**self._notes} if self._notes else {}
-        into["frame"][0] = posture is not None
-        if posture is not None:
-            put(into["posture"], posture, self._state, "posture", notes)
-        if observed is None:
-            into["observed"].fill(1.0)
+        start, ready, into = time.perf_counter(), self._ready, self._inputs
+        notes = self._begin_call(ready)
+        if posture is None:
+            into["frame"][0] = 0.0
         else:
-            put(into["observed"], observed, self._state, "observed", notes)
+            put(into["posture"], posture, self._shape, "posture", notes)
+        if observed is not None:
+            put(into["observed"], observed, self._shape, "observed", notes)
             if "observed" in notes or not np.isfinite(into["observed"]).all():
                 # Which joints were seen is unknown, so the frame cannot be used.
                 into["observed"][:], into["posture"][:] = 1.0, np.nan
                 notes.setdefault("observed", "observed is not a mask of zeros and ones")
-        into["has_pose"][0] = pose is not None
         if pose is not None:
+            into["has_pose"][0] = 1.0
             put(self._pose_in, pose, (4, 4), "pose", notes)
-        into["has_twist"][0] = twist is not None
         if twist is not None:
+            into["has_twist"][0] = 1.0
             put(into["executed"], twist, (6,), "twist", notes)
-        into["dt"][0] = self.dt if dt is None else number(dt)
+        if dt is not None:
+            into["dt"][0] = number(dt)
         into["age"][0] = number(age)
-        into["enable"][0] = truth(enable, "enable", notes) and not self._held
-        if self._held:
-            notes.setdefault("enable", "held: the object stays at rest until try_again()")
-        if self._log is not None:
-            self._record(notes)
-        self._call()
-        return self._answer(notes, start)
+        into["enable"][0] = truth(enable, "enable", notes)
+        self._evaluate(notes)
+        if (took := time.perf_counter() - start) > self._deadline:
+            allowed = f"{1e3 * self._deadline:g} ms (deadline)"
+            notes["deadline"] = f"the step took {1e3 * took:.1f} ms, allowed {allowed}"
+            into["ask"][0] = 1.0
+            self._evaluate(notes, instead=True)
+        return self._answer(ready, notes, start)
 
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
         """Return the next braking twist without new data.
@@ -287,13 +325,17 @@ class Stepper:
                 moves again. A straight ramp is up to half of `Control.average` ahead of that stop.
                 After such a ramp use `reset`, with the measured twist or once the object stands.
         """
+        start, ready = time.perf_counter(), self._ready
         late = min(number(elapsed), self._longest_stop)
         while late >= SHORTEST_DT:
             period = min(late, 3 * self.dt)
             late -= period
-            if not self._brake(period, 0.0).twist.any():
+            self._brake(ready, period, enable=0.0)
+            ready = self._layout.with_state(ready, self._state_out)
+            if not self._out[self._slices["twist"]].any():
                 break
-        return self._brake(self.dt if dt is None else number(dt))
+        notes = self._brake(ready, self.dt if dt is None else number(dt))
+        return self._answer(ready, notes, start)
 
     def stop(self) -> np.ndarray:
         """Return the twists of the certified stop from here (k, 6) [m/s, rad/s].
@@ -302,17 +344,22 @@ class Stepper:
         state of the loop does not change. A robot that is to stop by itself when the loop hangs
         gets these twists in advance.
         """
-        state, log, self._log = self._state_in.copy(), self._log, None
-        twists = [self._brake(self.dt, 0.0).twist]
-        while twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt:
-            twists.append(self._brake(self.dt, 0.0).twist)
-        self._state_in[:], self._log = state, log
+        ready, twists = self._ready, []
+        if self._closed_stop is not None:
+            return self._closed_stop(self._layout.state(ready))
+        while not twists or (
+            twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt
+        ):
+            self._brake(ready, self.dt, enable=0.0, logged=False)
+            ready = self._layout.with_state(ready, self._state_out)
+            twists.append(self._out[self._slices["twist"]].copy())
         return np.array(twists)
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """Posture and mask of the last step as read (n,) each. NaN: the entry was not a number."""
-        return self._inputs["posture"].copy(), self._inputs["observed"].copy()
+        """Posture and mask of the last frame as read (n,) each. NaN: the entry was not a number."""
+        posture, observed = self._ready.frame
+        return posture.copy(), observed.copy()
 
     def sent_instead(self, twist: Any) -> None:
         """State that another twist than that of the step was sent; the next step continues from it.
@@ -330,50 +377,70 @@ class Stepper:
             raise InputError(
                 f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0"
             )
-        sent, speed = _six(twist), self.problem.twist_limit.speed
+        speed = self.problem.twist_limit.speed
+        sent = read_array("twist", twist, (6,), "6 finite numbers")
         if np.any(np.abs(sent) > speed + _ROUNDING):
             raise InputError(
                 f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}"
             )
-        self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
+        state = self._layout.state(self._ready).copy()
+        for name in ("planned", "sent"):  # newest first
+            state[self._layout.parts[name]][:6] = sent
+        self._ready = self._layout.with_state(self._ready, state)
 
-    def _brake(self, dt: float, enable: float = 1.0) -> Step:
-        start = time.perf_counter()
-        into = self._inputs
-        into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = (
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-        )
-        into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, enable
-        notes: dict[str, str] = {}
-        if self._log is not None:
-            self._record(notes)
+    def _begin_call(self, ready: Ready) -> dict[str, str]:
+        """Set every input of the function anew; return the notes of the call."""
+        self._given[:] = ready.inputs
+        notes = {**ready.notes}
+        # Not by `ready`: a signal handler may call `hold` during a step.
+        self._given[self._held_at] = self._held
+        if self._held:
+            notes["enable"] = "held: the object stays at rest until try_again()"
+        return notes
+
+    def _brake(
+        self, ready: Ready, dt: float, enable: float = 1.0, logged: bool = True
+    ) -> dict[str, str]:
+        """Evaluate the function without new data; return the notes of the call."""
+        notes, into = self._begin_call(ready), self._inputs
+        into["frame"][0], into["ask"][0], into["dt"][0], into["enable"][0] = 0.0, 1.0, dt, enable
+        self._evaluate(notes, logged)
+        return notes
+
+    def _evaluate(self, notes: dict[str, str], logged: bool = True, instead: bool = False) -> None:
+        """Record the inputs and call the function.
+
+        Args:
+            notes: what was wrong with the inputs; a failing log is added.
+            logged: whether the inputs are recorded.
+            instead: whether the answer is sent instead of the one recorded last.
+        """
+        if logged and self._log is not None:
+            entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes)}
+            entry |= {name: values.tolist() for name, values in self._inputs.items()}
+            try:
+                self._log(entry | ({"instead": True} if instead else {}))
+            except Exception as error:  # the loop never stops for its log
+                notes["log"] = (
+                    f"log: {type(error).__name__} in what was given as log=, this step is not"
+                    " recorded"
+                )
         self._call()
-        into["ask"][0] = 0.0
-        return self._answer(notes, start)
 
-    def _answer(self, notes: Mapping[str, str], start: float) -> Step:
-        account, into = self._out.copy(), self._inputs
-        self._state_in[:] = self._state_out
-        seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
+    def _answer(self, ready: Ready, notes: Mapping[str, str], start: float) -> Step:
+        """Return the answer of the last evaluation, and continue from it."""
+        account, into, frame = self._out.copy(), self._inputs, ready.frame
+        posture = into["posture"].copy()
+        if into["frame"][0]:
+            frame = (posture, into["observed"].copy())
+        after = self._layout.with_state(Ready(ready.inputs, ready.notes, frame), self._state_out)
+        seen = (posture, into["dt"][0], into["age"][0])
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
-        return Step(twist, status, self.problem, account, self._slices, seen, notes, start)
-
-    def _record(self, notes: dict[str, str]) -> None:
-        entry = {name: values.tolist() for name, values in self._inputs.items()}
-        try:
-            if self._log is not None:
-                self._log({"loop": dict(self._loop), "notes": dict(notes), **entry})
-        except Exception as error:  # the loop never stops for its log
-            notes["log"] = (
-                f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
-            )
-
-
-def _six(twist: Any) -> np.ndarray:
-    return read_array("twist", twist, (6,), "6 finite numbers")
+        step = Step(twist, status, self.problem, account, self._slices, seen, notes, start)
+        # Last: an interrupted call counts as not made. CPython does not interrupt between this and
+        # the assignment of the answer by the caller.
+        self._ready = after
+        return step
 
 
 __all__ = ["Cause", "Status", "Step", "Stepper"]

@@ -142,6 +142,34 @@ def test_reset_starts_again_from_standstill(exported):
     assert first[0] != first[1]
 
 
+def state_of(folder, other):
+    """The state within the memory of the exported step."""
+    text = (folder / "include/ergoqp_memory.h").read_text()
+    sizes = (f"ERGOQP_{kind}" for kind in ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE"))
+    before, after, count = (int(re.search(rf"{name} (\d+)\n", text)[1]) for name in sizes)
+    return np.frombuffer(other._memory, offset=8 * (before + after), count=count)
+
+
+def test_it_tells_the_stop_in_advance_as_python_does(exported):
+    problem, folder, library = exported
+    stepper, other = Stepper(problem), load_wrapper(folder).Stepper(str(library))
+    assert other.stop() == [[0.0] * 6]
+    posture, longest = away_from_rest(problem), 0
+    for number in range(40):
+        stepper.step(posture, dt=0.004 + 0.002 * (number % 5))
+        other.step(posture, dt=0.004 + 0.002 * (number % 5))
+        expected, found = stepper.stop(), np.array(other.stop())
+        assert not found[-1].any()
+        both, longest = min(len(expected), len(found)), max(longest, len(found))
+        np.testing.assert_allclose(found[:both], expected[:both], atol=1e-12, rtol=0)
+        assert not (np.abs(expected[both:]) > 1e-12).any()
+    assert longest > 5
+    # Nothing has changed, and it is what brake gives.
+    stop = other.stop()
+    braked = [other.brake().twist[:] for _ in stop]
+    np.testing.assert_allclose(stop, braked, atol=1e-12, rtol=0)
+
+
 def test_it_takes_over_a_moving_object_as_python_does(exported):
     problem, folder, library = exported
     stepper, other, posture = (
@@ -155,6 +183,7 @@ def test_it_takes_over_a_moving_object_as_python_does(exported):
     for moving in (0.3 * speed, -speed, np.array([3.0, -1, 1, 3.0, -1, 1]) * speed):
         stepper.reset(twist=moving)
         other.take_over(moving)
+        np.testing.assert_array_equal(state_of(folder, other), stepper.state())
         for number in range(12):
             step, answer = stepper.step(posture), other.step(posture)
             np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)

@@ -19,7 +19,7 @@ from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.answer.causes import Status
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
@@ -66,7 +66,7 @@ def test_it_is_drawn_as_in_python_phase_by_phase(exported: tuple[Any, str]) -> N
             other.guide(far)
         if number == 4500:
             stepper.guide(best)
-            other.guide(best.pose, Stepper(problem, guide=best)._inputs["promise"][0])
+            other.guide(best.pose, read_guide(problem, best).expected)
         if number == 5500:
             stepper.try_again()
             other.try_again()

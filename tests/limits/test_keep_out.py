@@ -147,7 +147,9 @@ def journey(
     goal[:3, 3] += GOAL
     stepper = Stepper(base, guide=Guide(goal, -100.0))
     # On the journey at once, see `ergoqp.step.guide.trial.TRIAL`.
-    stepper._state_in[-TRIAL:][:5] = THERE, 0.0, 0.0, 5.0, 1e9
+    state = stepper.state()
+    state[-TRIAL:][:5] = THERE, 0.0, 0.0, 5.0, 1e9
+    stepper.restore(state)
     robot = SimulatedRobot(RobotKind(**given), begin, np.random.default_rng(0))
     found = []
     for _ in range(400):

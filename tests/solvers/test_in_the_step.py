@@ -96,6 +96,68 @@ def test_a_faulty_solver_brakes_the_loop_and_raises_nothing(
     assert sizes[-1] == 0.0
 
 
+class Mine(QpSolver):
+    """A user's solver: that of CasADi, which counts how often it is called."""
+
+    name = "daqp"
+    calls = 0
+
+    def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
+        self.calls += 1
+        return solver_named("qrqp").workspace(n, m, accuracy)
+
+
+def test_a_solver_that_is_given_as_an_object_is_used_logged_and_replayed() -> None:
+    problem, log, mine = problem_of("screwing"), [], Mine()
+    posture = comfort_of("screwing") + 0.1
+    stepper, usual = Stepper(problem, solver=mine, log=log.append), Stepper(problem)
+    mine.calls = 0
+    for _ in range(10):
+        step, other = stepper.step(posture), usual.step(posture)
+        assert step.status == other.status
+        np.testing.assert_allclose(step.twist, other.twist, atol=1e-5)
+    assert step.twist.any()
+    assert mine.calls >= 10
+    # The log is plain data, and names it; a name that ergoqp has too is not taken for that one.
+    log = json.loads(json.dumps(log))
+    assert log[0]["loop"]["solver"] == "daqp"
+    sentence = (
+        "log: entry 0 is of a loop with a solver 'daqp' that was given as an object, which a log"
+        " does not hold, allowed with replay(..., solver=that object)"
+    )
+    with pytest.raises(InputError) as raised:
+        ergoqp.replay(problem, log)
+    assert str(raised.value) == sentence
+    again = ergoqp.replay(problem, log, solver=Mine())
+    assert again[-1].twist.tobytes() == step.twist.tobytes()
+    plain: list = []
+    Stepper(problem, log=plain.append).step(posture)
+    with pytest.raises(InputError, match=r"solver: got .*, allowed only for a loop whose solver"):
+        ergoqp.replay(problem, plain, solver=mine)
+    assert step_function(problem, Mine()).size_out("twist") == (6, 1)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (Mine, "solver: got <class .*, allowed a name, or an object of a class that is derived"),
+        (object(), "solver: got <object"),
+        (None, "solver: got None, allowed a name"),
+        (Faulty("no workspace"), r"solver own: got ZeroDivisionError .*, allowed a workspace with"),
+        (type("Half", (QpSolver,), {"workspace": lambda *_: None})(), "a workspace without solve"),
+    ],
+)
+def test_what_is_no_solver_is_one_sentence(given: Any, sentence: str) -> None:
+    for make in (Stepper, step_function):
+        with pytest.raises(InputError, match=sentence):
+            make(problem_of("screwing"), solver=given)
+
+
+def test_only_the_solver_of_ergoqp_is_compiled() -> None:
+    with pytest.raises(InputError, match=r"compiled: got the solver .*, allowed only 'daqp'"):
+        Stepper(problem_of("screwing"), solver=Mine(), compiled=True)
+
+
 def test_solvers_of_one_class_and_name_are_not_taken_for_each_other() -> None:
     """A cold one that fails first, and then one that answers."""
     qp = [np.eye(2), [-3.0, 4.0], [[1.0, 1.0]], [-FREE], [FREE], [-FREE, -FREE], [FREE, FREE]]

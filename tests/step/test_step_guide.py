@@ -4,6 +4,7 @@ where there is none."""
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,12 +41,14 @@ def guided_stepper(name: str) -> Stepper:
 
 def set_out(stepper: Stepper, phase: int = THERE) -> None:
     """Put the stepper on a journey at once."""
-    trial_of(stepper)[:7] = phase, 0.0, 0.0, 5.0, 1e9, 0.0, 0.0
+    know(stepper, [phase, 0.0, 0.0, 5.0, 1e9, 0.0, 0.0])
 
 
-def trial_of(stepper: Stepper) -> np.ndarray:
-    """What the stepper knows of the trial of the given place: a view of its state."""
-    return stepper._state_in[-TRIAL:]
+def know(stepper: Stepper, values: Sequence[float]) -> None:
+    """Let the stepper know this of the trial of the given place."""
+    state = stepper.state()
+    state[-TRIAL:][: len(values)] = values
+    stepper.restore(state)
 
 
 def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]:
@@ -180,7 +183,7 @@ def place_of_kind(name: str, kind: str, rng: np.random.Generator) -> np.ndarray:
 def put(stepper: Stepper, pose: np.ndarray) -> None:
     """Lead the step somewhere without asking whether that is allowed: the limits must not depend on
     it."""
-    stepper._lead(Guide(pose))
+    stepper._layout.lead(stepper._ready.inputs, Guide(pose))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -204,7 +207,7 @@ def test_no_place_is_worth_a_limit(name: str, seed: int, kind: str, phase: int) 
             put(stepper, place_of_kind(name, str(rng.choice(PLACES[:-1])), rng))
         if number % 20 == 0:
             set_out(stepper, phase)
-            trial_of(stepper)[7:] = rng.normal(size=6)
+            know(stepper, [*stepper.state()[-TRIAL:][:7], *rng.normal(size=6)])
         # Beyond three periods it would brake.
         dt = float(rng.uniform(0.002, 0.03)) if rng.random() < 0.97 else 0.05
         step = stepper.step(q, pose if number == 0 else None, dt=dt)
@@ -226,7 +229,8 @@ def test_numbers_that_are_none_lead_nowhere(data: st.DataObject) -> None:
     stepper = guided_stepper("screwing")
     bad = data.draw(st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
     where = data.draw(st.sampled_from(["guide", "guided"]))
-    stepper._inputs[where][data.draw(st.integers(0, stepper._inputs[where].size - 1))] = bad
+    given = stepper._ready.inputs[stepper._layout.at[where]]
+    given[data.draw(st.integers(0, given.size - 1))] = bad
     led = where == "guided" and bad > 0
     set_out(stepper)
     step = stepper.step(
@@ -285,7 +289,7 @@ def test_a_place_that_cannot_be_used_is_refused_at_construction_and_none_in_the_
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
     assert step.status == "optimal"
     assert re.search(sentence, step.reason)
-    assert stepper._inputs["guided"][0] == 0
+    assert stepper._ready.inputs[stepper._layout.at["guided"]] == 0
     stepper.guide(held_pose("screwing"))
     assert stepper.step(comfort_of("screwing")).reason == ""
 
@@ -366,7 +370,7 @@ def test_reset_keeps_the_place_and_forgets_the_trial() -> None:
     set_out(stepper)
     stepper.step(q)
     stepper.reset()
-    assert stepper._inputs["guided"][0] == 1
+    assert stepper._ready.inputs[stepper._layout.at["guided"]] == 1
     assert [stepper.step(q) for _ in range(5)][-1].twist.tobytes() == first.twist.tobytes()
 
 

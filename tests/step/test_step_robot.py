@@ -35,10 +35,10 @@ def outside(problem: Problem, pose: np.ndarray) -> float:
 
 def braked(stepper: Stepper, pose: np.ndarray) -> np.ndarray:
     """The pose after the stop of a copy of the loop; the loop itself goes on as it was."""
-    state = stepper._state_in.copy()
+    state = stepper.state()
     while (step := stepper.brake()).twist.any():
         pose = moved(pose, step.twist * stepper.dt)
-    stepper._state_in[:] = state
+    stepper.restore(state)
     return pose
 
 
@@ -133,12 +133,12 @@ def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: fl
     )
     for _ in range(40):
         loop.step(q)
-    state, left = stepper._state_in.copy(), elapsed
+    state, left = stepper.state(), elapsed
     while left >= 1e-5:
         stepper.brake(min(left, 0.03))
         left -= 0.03
     one_by_one = stepper.brake().twist
-    stepper._state_in[:] = state
+    stepper.restore(state)
     np.testing.assert_allclose(stepper.brake(elapsed=elapsed).twist, one_by_one, atol=1e-12)
 
 
@@ -211,10 +211,10 @@ def test_only_what_is_declared_is_said_where_the_pose_is_missing(
 def test_what_cannot_have_been_sent_instead_changes_nothing(sent: object) -> None:
     """A NaN was answered by NaN from then on, 99 m/s by 98.99."""
     stepper = Stepper(plain_of("screwing"))
-    before = stepper._state_in.copy()
+    before = stepper.state()
     with pytest.raises(InputError, match="twist: got"):
         stepper.sent_instead(sent)
-    np.testing.assert_array_equal(stepper._state_in, before)
+    np.testing.assert_array_equal(stepper.state(), before)
 
 
 @pytest.mark.parametrize(("lag", "hold"), [(0.5, 0.4), (0.2, 0.2)])

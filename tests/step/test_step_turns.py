@@ -272,11 +272,11 @@ def test_with_a_long_mean_the_object_does_not_creep_out_of_a_wide_cone(inside: f
             moving += bool(loop.step(q).twist[3:].any())
             farthest = max(farthest, angle(problem, loop.pose))
             if number % 10 == 0:
-                state, pose = stepper._state_in.copy(), loop.pose
+                state, pose = stepper.state(), loop.pose
                 while (step := stepper.brake()).twist.any():
                     pose = moved(pose, step.twist * stepper.dt)
                     farthest = max(farthest, angle(problem, pose))
-                stepper._state_in[:] = state
+                stepper.restore(state)
     assert farthest <= 2e-5
     assert moving > 50
 

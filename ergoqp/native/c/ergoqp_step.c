@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "ergoqp_core.h"
+#include "stop.h"
 
 static void transposed(double* to, const double* from) {
     int row, column;
@@ -28,13 +29,22 @@ void ergoqp_init(ergoqp_stepper* stepper) {
 }
 
 int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
-    int axis, i;
+    static const double taken[ERGOQP_STATE] = {ERGOQP_TAKEN_STATE};
+    int axis, i, moves = 0;
     double moving[6];
     for (axis = 0; axis < 6; ++axis) {
         if (!isfinite(twist[axis])) return 0;
         moving[axis] = fmin(fmax(twist[axis], -speed[axis]), speed[axis]);
+        moves = moves || moving[axis] != 0.0;
     }
     ergoqp_init(stepper);
+    memcpy(stepper->state, taken, sizeof taken);
+    if (moves) stepper->state[ERGOQP_STATE_AT_idle] = 0.0;
+    /* What a late robot still has to do was not measured, along each axis and against it. */
+    for (axis = 0; axis < 6; ++axis) {
+        stepper->state[ERGOQP_STATE_AT_due + axis] = ERGOQP_LATE * fmax(moving[axis], 0.0);
+        stepper->state[ERGOQP_STATE_AT_due + 6 + axis] = ERGOQP_LATE * fmax(-moving[axis], 0.0);
+    }
     /* The history of an object that has always moved at this twist. */
     for (i = 0; i < ERGOQP_PLANNED; ++i) memcpy(stepper->state + 6 * i, moving, sizeof moving);
     for (i = 0; i < ERGOQP_SENT; ++i) memcpy(stepper->state + 6 * (ERGOQP_PLANNED + i), moving, sizeof moving);
@@ -55,7 +65,7 @@ void ergoqp_input_defaults(ergoqp_input* input) {
 #define COPY(to, from) memcpy((to), (from), sizeof(to))
 
 static void give(ergoqp_stepper* stepper, const ergoqp_input* input, double ask) {
-    /* Without a frame, the last posture still gives how the model person follows while the object brakes. */
+    /* Without a frame, the state has the last posture. */
     if (input->frame) memcpy(GIVEN(posture), input->posture, sizeof input->posture);
     memcpy(GIVEN(observed), input->observed, sizeof input->observed);
     memset(GIVEN(pose), 0, 16 * sizeof(double));
@@ -134,11 +144,39 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, e
     return answer(stepper, &nothing, 1.0, output);
 }
 
-#ifdef ERGOQP_GUIDE
-void ergoqp_try_again(ergoqp_stepper* stepper) {
-    memset(stepper->state + ERGOQP_STATE - ERGOQP_TRIAL, 0, ERGOQP_TRIAL * sizeof(double));
+int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]) {
+#ifdef ERGOQP_SURFACE
+    double kept[ERGOQP_STATE];
+    ergoqp_input nothing;
+    ergoqp_output output;
+    int axis = 0, count = 0;
+    ergoqp_input_defaults(&nothing);
+    nothing.frame = 0;
+    nothing.enable = 0;
+    memcpy(kept, stepper->state, sizeof kept);
+    while (axis < 6 && count < ERGOQP_STOP) {
+        (void)answer(stepper, &nothing, 1.0, &output);
+        COPY(twists[count], output.twist);
+        for (axis = 0; axis < 6 && output.twist[axis] == 0.0; ++axis) continue;
+        ++count;
+    }
+    memcpy(stepper->state, kept, sizeof kept);
+    return count;
+#else
+    static const double acceleration[6] = {ERGOQP_ACCELERATION};
+    return ergoqp_stop_twists(stepper->state, ERGOQP_PLANNED, ERGOQP_SENT, ERGOQP_AVERAGE, ERGOQP_DT, acceleration, twists,
+                              ERGOQP_STOP);
+#endif
 }
 
+void ergoqp_try_again(ergoqp_stepper* stepper) {
+    stepper->state[ERGOQP_STATE_AT_latched] = 0.0;
+#ifdef ERGOQP_GUIDE
+    memset(stepper->state + ERGOQP_STATE_AT_trial, 0, ERGOQP_TRIAL * sizeof(double));
+#endif
+}
+
+#ifdef ERGOQP_GUIDE
 /* Tolerance of a rotation; a position must be within 100 m. */
 #define STRAIGHT 1e-3
 
@@ -164,7 +202,7 @@ static int rigid(const double* pose) {
 
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise) {
     if (place && (!rigid(place) || !isfinite(promise))) return 0;
-    ergoqp_try_again(stepper);
+    memset(stepper->state + ERGOQP_STATE_AT_trial, 0, ERGOQP_TRIAL * sizeof(double));
     if (place) transposed(stepper->guide, place);
     stepper->guide[16] = place != 0;
     stepper->guide[17] = place ? promise : 0.0;

@@ -16,7 +16,7 @@ from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.program.bounds import limit_values
 from ergoqp.step.robot_watch.faults import fault_sentence
-from ergoqp.step.under_way.history import LONGEST_DT, SHORTEST_DT
+from ergoqp.step.under_way.history import CLOCK_ROUNDING, LONGEST_DT, SHORTEST_DT
 
 _DRAWN: Final = {
     THERE: "drawn toward the given place",
@@ -47,7 +47,7 @@ def reason_of(
     status, margins = Status[account.status], account("margins")
     causes = [cause for cause in Cause if int(account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
-        causes.remove(Cause.no_frame)
+        causes = [cause for cause in causes if cause is not Cause.no_frame]
     if status >= Status.braking:
         said = [_cause(problem, cause, account, posture, dt, age, notes) for cause in causes]
         return "; ".join([*said, *log])
@@ -126,16 +126,20 @@ def _cause(
     if cause is Cause.robot:
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
+    if cause is Cause.asked:
+        return notes.get("deadline", "asked to brake")
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
-        Cause.age: f"age is {age:g} s, allowed at least 0",
+        Cause.age: (
+            f"age is {age:g} s, allowed at least 0 (a stamp up to {1e3 * CLOCK_ROUNDING:g} ms ahead"
+            " counts as 0)"
+        ),
         Cause.no_frame: "no posture arrived",
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
         Cause.unmeasured: f"no pose, and the robot is declared to {_unmeasured(problem.robot)}",
         Cause.halted: "comes to rest before it moves again",
-        Cause.asked: "asked to brake",
         Cause.latched: (
             "at rest after a fault of the robot, until a pose is measured or try_again() is called"
         ),

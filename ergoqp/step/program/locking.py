@@ -44,12 +44,12 @@ def solve_passes(
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
     first = by_name(one_pass, {**known, **unlocked}, written=True)
     fixed = [known[name] for name in one_pass.name_in()[:-2]]
-    found = written_out(_further_passes(one_pass, 1), *fixed, *first.values())
+    found = written_out(_further_passes(model, one_pass, 1), *fixed, *first.values())
     result = dict(zip(first, found, strict=True))
     return result | {"locked": result.pop("next_locked")}
 
 
-def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
+def _further_passes(model: StepModel, one_pass: ca.Function, number: int) -> ca.Function:
     """``(inputs of a pass, its result) -> result`` after the passes that joints to lock require.
 
     Each pass is inside the branch of the one before. So a step without such a joint checks only
@@ -60,11 +60,14 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
     named = dict(zip(one_pass.name_out(), result, strict=True))
     last = number == PASSES - 1
     next_one = list(one_pass(*inputs, named["next_locked"], float(last)))
-    after = next_one if last else list(_further_passes(one_pass, number + 1)(*inputs, *next_one))
+    if last:
+        after = next_one
+    else:
+        after = list(_further_passes(model, one_pass, number + 1)(*inputs, *next_one))
     again = ca.Function("again", [*inputs, *result], after)
     enough = ca.Function("enough", [*inputs, *result], result)
     choose = ca.Function.if_else("next_pass", again, enough)
-    everything = list(choose(named["newly"], *inputs, *result))
+    everything = list(choose(model.if_needed(named["newly"]), *inputs, *result))
     return ca.Function("further_passes", [*inputs, *result], everything)
 
 
@@ -77,7 +80,7 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     if model.guided:
         found |= {"H": found["H"] + mx["pull_H"], "g": found["g"] + mx["pull_g"]}
     exact = np.flatnonzero(model.values("hard")[model.movable])
-    qp = build_qp(solver, len(model.movable), shape, exact.tolist())
+    qp = build_qp(solver, len(model.movable), shape, exact.tolist(), model.if_needed)
     answer = dict(zip(_ANSWER, written_out(qp, *(found[name] for name in QP_DATA)), strict=True))
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])

@@ -5,7 +5,7 @@ Where braking itself needs the room, an exact L1 penalty is added.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import casadi as ca
@@ -32,7 +32,11 @@ TOLERANCE: Final = 1e-6
 
 
 def build_qp(
-    solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[int] = ()
+    solver: QpSolver,
+    m: int,
+    shape: Shape = vectors,
+    exact: Sequence[int] = (),
+    if_needed: Callable[[ca.MX], ca.MX] = lambda needed: needed,
 ) -> ca.Function:
     """Return the QP over a twist xi (6,) and m rows.
 
@@ -48,6 +52,7 @@ def build_qp(
         m: number of rows.
         shape: how the check of the answer is written, see `ergoqp.expressions.linear`.
         exact: rows that must not use `ELBOW`: xi is moved back across them by at most this much.
+        if_needed: gives the condition under which slack is solved for.
 
     Returns:
         Function ``(H, g, A, lbA, ubA, side, cap, lb, ub) -> (xi (6,), slack (m,), multipliers (m,),
@@ -62,7 +67,7 @@ def build_qp(
         return hard
     relaxed = _relaxed(solver, m, inputs, shape, list(exact))
     choose = ca.Function.if_else("relaxed_or_hard", relaxed, hard)
-    return ca.Function("qp", inputs, list(choose(ca.mmax(inputs[6]) > 0, *inputs)))
+    return ca.Function("qp", inputs, list(choose(if_needed(ca.mmax(inputs[6]) > 0), *inputs)))
 
 
 def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:

@@ -82,7 +82,7 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
     quiet = ca.Function("quiet", inputs, [story, ca.MX(ca.DM.zeros(count(SAID)))])
     choose = ca.Function.if_else("explain_or_not", shape(explain), quiet)
     facts = {**known, **found}
-    speaks = ca.logic_or(found["faulty"], known["told"])
+    speaks = model.if_needed(ca.logic_or(found["faulty"], known["told"]))
     story, said = choose.call([speaks, *(facts[name] for name in was)])
     return {
         "compared": found["next_compared"],

@@ -20,6 +20,14 @@ SHORTEST_DT: Final = 1e-5
 LONGEST_DT: Final = 1.0
 """Longest control period [s]."""
 
+CLOCK_ROUNDING: Final = 1e-3
+"""By how much the stamp of a frame may be ahead of the clock of the loop [s]; its age is then 0.
+
+Stamps that are kept in whole milliseconds are rounded by up to this much, and the difference of two
+times since 1970 as floats by 0.5 us. An age is only compared with `Control.max_age`, so one that is
+too small by this much changes no limit.
+"""
+
 _SPARE: Final = 1.5
 """The history holds this many times its seconds at the period of the problem.
 
