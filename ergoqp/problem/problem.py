@@ -22,6 +22,7 @@ from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.room import no_room
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.options import check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -97,6 +98,8 @@ class Problem:
                 f"limits: got more than one row named {', '.join(doubled)}, allowed one each{hint}"
             )
         self._check_room()
+        if nowhere := no_room(self.limits, self.response):
+            raise ProblemError(f"limits: {nowhere}")
         self.own_limits.judge()
 
     @property
