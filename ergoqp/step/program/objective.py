@@ -14,7 +14,11 @@ import numpy as np
 from ergoqp.expressions.linear import is_set
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
+from ergoqp.step.program.bounds import STEADY_RETURN
 from ergoqp.step.rest import HUNTING
+
+_LEADS: Final = 10.0
+"""Price of a speed other than that of the way out of a region [points/(m/s)^2]."""
 
 CAUTION_EPS: Final = 0.1
 """Offset that keeps the Gauss-Newton curvature finite where the cost is minimal."""
@@ -99,7 +103,8 @@ def objective(
 
     Args:
         model: model of the step.
-        known: ``total``, ``gradient``, ``previous``, ``dt`` and ``stalled`` of this step.
+        known: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled`` and ``readings`` of this
+            step.
         S: sensitivity (n, 6).
         E: contact motion that the posture cannot follow (k, 6).
 
@@ -124,10 +129,31 @@ def objective(
         + control.contact * (E.T @ E)
         + (ahead**2 / 2 / excess) * (slope @ slope.T)
     )
-    return (
-        H + ca.diag(effort * (1 + hesitates**2 + smoothing)),
-        ahead * slope - smoothing * effort * known["previous"],
-    )
+    H += ca.diag(effort * (1 + hesitates**2 + smoothing))
+    g = ahead * slope - smoothing * effort * known["previous"]
+    way = model.way_out(known["readings"])
+    return (H, g) if way is None else _led(model, known, way, H, g)
+
+
+def _led(
+    model: StepModel, known: Mapping[str, ca.MX], way: ca.MX, H: ca.MX, g: ca.MX
+) -> tuple[ca.MX, ca.MX]:
+    """Return the objective (H, g) of an object that is led along `ergoqp.limits.way_out`.
+
+    Only its turning is left to the cost, or the object would leave the straight way. Its speed is
+    that of every return from outside.
+    """
+    problem = model.problem
+    regions, acceleration = problem.way_out.kept, problem.twist_limit.linear_acceleration
+    pace = ca.fmax(way[3] / max(limit.recovery_time for limit in regions), STEADY_RETURN)
+    # All axes speed up together, so that they keep to the way.
+    along = ca.fmax(ca.dot(way[:3], known["previous"][:3]), 0)
+    velocity = way[:3] * ca.fmin(pace, along + acceleration * known["dt"])
+    ends = ca.MX(ca.DM.zeros(3, 3))
+    led_H = ca.blockcat([[_LEADS * ca.DM.eye(3), ends], [ends, H[3:, 3:]]])
+    led_g = ca.vertcat(-_LEADS * velocity, g[3:])
+    led = way[3] > 0
+    return ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)
 
 
 def gain_function(model: StepModel) -> ca.Function:

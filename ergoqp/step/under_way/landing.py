@@ -27,9 +27,9 @@ def landing(
     Args:
         model: model of the step.
         found: the motion under way.
-        known: ``pose`` as measured, or as far as it is known (4, 4). If the declared robot may be
-            late also ``doubt``: how far the object may be behind this pose, along each axis and
-            against it (6, 2) [m, rad].
+        known: ``readings``; ``pose`` as measured, or as far as it is known (4, 4). If the declared
+            robot may be late also ``doubt``: how far the object may be behind this pose, along each
+            axis and against it (6, 2) [m, rad].
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
     if not model.under_way.count:
@@ -37,6 +37,7 @@ def landing(
     given = {name: part for name, part in found.parts.items() if name in _PARTS}
     if "doubt" in known:
         given["doubt"] = known["doubt"]
+    given["readings"] = known["readings"]
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     outputs = _counted(model, at, symbols)
@@ -50,7 +51,7 @@ _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn
 
 def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
     problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
-    landed, rows = _hard_rows(model)(pose, found["total"])
+    landed, rows = _hard_rows(model)(pose, found["total"], found["readings"])
     done = rows @ found["twists"]
     # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)
@@ -142,11 +143,14 @@ def _most(values: ca.MX) -> ca.MX:
 
 
 def _hard_rows(model: StepModel) -> ca.Function:
-    """``(pose, displacement under way (6,)) -> (landed, matrices (h, 6) of hard rows there)``."""
+    """Return the function for the landing pose and the matrices of the hard rows there.
+
+    It is ``(pose, displacement under way (6,), readings) -> (landed, matrices (h, 6))``.
+    """
     n, problem = len(model.problem.coordinates), model.problem
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
-    landed = shifted(pose, total)
+    landed, readings = shifted(pose, total), ca.SX.sym("readings", *model.size("readings"))
     situation = Situation(
         posture,
         ca.SX.ones(n),
@@ -154,6 +158,7 @@ def _hard_rows(model: StepModel) -> ca.Function:
         S,
         ca.SX(6, 1),
         ca.SX(6, 1),
+        readings=model.by_limit(readings),
         surface=problem.surface,
         ahead=total,
     )
@@ -166,4 +171,4 @@ def _hard_rows(model: StepModel) -> ca.Function:
             f"limits: got a hard row among {names} that follows the posture, allowed rows of the"
             " object only"
         )
-    return ca.Function("hard_rows", [pose, total], [ca.densify(landed), rows])
+    return ca.Function("hard_rows", [pose, total, readings], [ca.densify(landed), rows])
