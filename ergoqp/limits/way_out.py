@@ -91,6 +91,11 @@ class WayOut:
         return cls(kept, *ends, inside, tuple(room + error), tuple(moves.tolist()), error)
 
     @property
+    def recovery_time(self) -> float:
+        """Time constant of the way out [s]. The speed is its length / recovery_time."""
+        return max(limit.recovery_time for limit in self.kept)
+
+    @property
     def size(self) -> int:
         """Number of entries of `function`'s result."""
         return 5 + len(self.kept)
@@ -143,7 +148,7 @@ class WayOut:
     def _search(self, place: ca.MX, back: ca.MX, within: ca.MX, behind: ca.MX) -> ca.MX:
         moves = np.array(self.moves, dtype=float)
         fixed = [each for each in _DIRECTIONS.T if not each[moves == 0].any()]
-        away = [ca.DM(each / np.linalg.norm(each)) for each in fixed]
+        away = [ca.MX(ca.DM(each / np.linalg.norm(each))) for each in fixed]
         for limit in self.kept:
             if not isinstance(limit.region, Box):
                 # Along the other axes the object stays where it is.
@@ -214,14 +219,14 @@ def _can_be_left(limit: Any, moves: np.ndarray) -> bool:
     )
 
 
-def _outward(region: HalfSpace | Ball, place: ca.MX) -> ca.MX:
-    """Return the way (3,) from a place to the nearest end of a region, of any length."""
+def _outward(region: Any, place: ca.MX) -> ca.MX:
+    """Return a way (3,) from a place to the nearest end of a half-space or a ball."""
     if isinstance(region, HalfSpace):
         return ca.MX(ca.DM(region.normal))
     return place - ca.DM(region.centre)
 
 
-def _corners(region: Box, back: ca.SX, grown: float) -> tuple[ca.SX, ca.SX]:
+def _corners(region: Any, back: ca.SX, grown: float) -> tuple[ca.SX, ca.SX]:
     """Return the corners of a box that is drawn along ``-back`` and grown."""
     return (
         ca.DM(region.lower) - ca.fmax(back, 0) - grown,
@@ -229,7 +234,7 @@ def _corners(region: Box, back: ca.SX, grown: float) -> tuple[ca.SX, ca.SX]:
     )
 
 
-def _centre(region: Ball, place: ca.SX, back: ca.SX) -> ca.SX:
+def _centre(region: Any, place: ca.SX, back: ca.SX) -> ca.SX:
     """Return the centre that is nearest to a place, of a ball that is drawn along ``-back``."""
     centre = ca.DM(region.centre)
     return ca.fmin(ca.fmax(place, centre - ca.fmax(back, 0)), centre - ca.fmin(back, 0))

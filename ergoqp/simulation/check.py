@@ -212,7 +212,7 @@ class Checker:
         found, own = {}, self.problem.own_limits
         for limit in own.limits:
             if limit.hard:
-                before, behind = (self._outside_own(limit, frame) for frame in (pose, after))
+                before, behind = self._outside_own(limit, pose, after)
                 further = [
                     self._further_out(name, *ends)
                     for name, *ends in zip(
@@ -233,19 +233,21 @@ class Checker:
             }
         return found
 
-    def _outside_own(self, limit: Limit, pose: np.ndarray) -> np.ndarray:
-        """Return how far outside each row of a hard limit of the user's own is (m,).
+    def _outside_own(self, limit: Limit, *poses: np.ndarray) -> list[np.ndarray]:
+        """Return how far outside each row of a hard limit of the user's own is (m,), at each pose.
 
-        In a region of the package it is the length of the way out, if there is one.
+        An object that was and is in a region of the package counts by the length of the way out, if
+        there is one.
         """
-        depth = _inside(limit, pose[:3, 3])
-        if depth is None:
-            nowhere = np.zeros(len(self.problem.coordinates))
-            return -self.problem.own_limits.margins(limit, nowhere, pose)
-        if depth > _ALLOWED:
-            length = self._ways.length(pose[:3, 3])
-            depth = max(depth, length) if np.isfinite(length) else depth
-        return np.array([depth])
+        nowhere = np.zeros(len(self.problem.coordinates))
+        depths = [_inside(limit, pose[:3, 3]) for pose in poses]
+        known = [depth for depth in depths if depth is not None]
+        if len(known) < len(depths):
+            return [-self.problem.own_limits.margins(limit, nowhere, pose) for pose in poses]
+        if min(known) > _ALLOWED:
+            lengths = [self._ways.length(pose[:3, 3]) for pose in poses]
+            known = lengths if np.isfinite(lengths).all() and min(lengths) > 0 else known
+        return [np.array([depth]) for depth in known]
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
         """Return how much further outside the posture is than it was; 0 inside."""

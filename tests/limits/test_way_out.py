@@ -69,11 +69,11 @@ def scene(
     base = problem_of("screwing")
     twist = TwistLimit(0.3, 0.6, 1.0, 2.0, **({} if axes is None else {"axes": axes}))
     kept = [
-        KeepOut(region, name=f"k{number}", recovery_time=1.0)
+        KeepOut(region, name=f"k{number}", recovery_time=0.5)
         for number, region in enumerate(regions)
     ]
     control = replace(base.control, comfort=0.0, stall_after=1e6, rest_below=0.0, move_above=0.0)
-    limits = [twist, *([] if box is None else [replace(box, recovery_time=1.0)]), *kept]
+    limits = [twist, *([] if box is None else [replace(box, recovery_time=0.5)]), *kept]
     given = {"cost": Pull(), "response": Direct(), "control": control, "dt": DT} | terms
     return base.replace(limits=limits, **given)
 
@@ -93,20 +93,23 @@ def distances(regions: list[Any], points: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def directions(regions: list[Any], place: np.ndarray) -> list[np.ndarray]:
+def directions(regions: list[Any], place: np.ndarray, moves: np.ndarray) -> list[np.ndarray]:
     found = [np.array(each, float) for each in product((-1, 0, 1), repeat=3) if any(each)]
-    found += [place - region.centre for region in regions if isinstance(region, Ball)]
-    found += [np.array(region.normal) for region in regions if isinstance(region, HalfSpace)]
+    found = [each for each in found if not each[~moves].any()]
+    found += [moves * (place - region.centre) for region in regions if isinstance(region, Ball)]
+    found += [moves * region.normal for region in regions if isinstance(region, HalfSpace)]
     return [each / np.linalg.norm(each) for each in found if np.linalg.norm(each) > 0]
 
 
-def way(regions: list[Any], place: np.ndarray, spare: float = 0.0) -> float:
+def way(
+    regions: list[Any], place: np.ndarray, spare: float = 0.0, axes: tuple[str, ...] = tuple("xyz")
+) -> float:
     """The shortest straight way out of all regions, with so much to spare at its end and beside
     it; infinite if there is none."""
     inside = distances(regions, place[None])[:, 0] < -1e-6
     steps = np.arange(0.0, FAR, STEP)
     best = np.inf
-    for direction in directions(regions, place):
+    for direction in directions(regions, place, np.array([axis in axes for axis in "xyz"])):
         points = place + steps[:, None] * direction
         far = distances(regions, points)
         free = (far >= 0).all(axis=0)
@@ -168,9 +171,10 @@ def test_an_object_in_a_region_is_led_out_by_the_shortest_way_that_ends_in_the_w
 ) -> None:
     # The cost draws it back in.
     at = np.array(place)
-    path, steps, checker = follow(scene(regions), at, pull * np.array([0, 0.3, -1, 0, 0, 0]), 14.0)
+    path, steps, checker = follow(scene(regions), at, pull * np.array([0, 0.3, -1, 0, 0, 0]), 7.0)
     assert way(regions, at) == pytest.approx(length, abs=2 * STEP)
-    assert steps[0].status == "recovering" and "coming back" in steps[0].reason
+    assert steps[0].status == "recovering"
+    assert "coming back" in steps[0].reason
     assert min(steps[0].margins[f"k{i}"] for i in range(len(regions))) == pytest.approx(
         -length, abs=2e-3
     )
@@ -182,17 +186,19 @@ def test_an_object_in_a_region_is_led_out_by_the_shortest_way_that_ends_in_the_w
 
 def test_an_object_outside_the_workspace_is_led_past_a_region_in_between() -> None:
     # Nothing draws it aside.
-    path, steps, checker = follow(scene([SIDE]), np.array([-0.2, 0.5, 0.5]), np.zeros(6), 16.0)
+    path, steps, checker = follow(scene([SIDE]), np.array([-0.2, 0.5, 0.5]), np.zeros(6), 9.0)
     assert distances([SIDE], path).min() >= -1e-9
-    assert path[-1, 0] >= -1e-6 and steps[-1].status != "recovering"
+    assert path[-1, 0] >= -1e-6
+    assert steps[-1].status != "recovering"
     assert not any(checker.violations.values())
 
 
 @pytest.mark.parametrize("place", [(-0.02, 0.5, 0.5), (-0.04, 0.75, 0.5)])
 def test_an_object_outside_the_workspace_and_in_a_region_comes_back(place: tuple) -> None:
-    path, steps, _ = follow(scene([SIDE]), np.array(place), np.zeros(6), 16.0)
+    path, steps, _ = follow(scene([SIDE]), np.array(place), np.zeros(6), 9.0)
     assert distances([SIDE], path[-1:]).min() >= -1e-6
-    assert path[-1, 0] >= -1e-6 and steps[-1].status != "recovering"
+    assert path[-1, 0] >= -1e-6
+    assert steps[-1].status != "recovering"
 
 
 @pytest.mark.parametrize(
@@ -245,13 +251,14 @@ def judge_scenes(seed: int, count: int) -> dict[str, int]:
         if made is None:
             continue
         regions, place = made
+        axes = tuple(axis for axis in "xyz" if rng.random() < 0.7) or ("y",)
         try:
-            problem = scene(regions)
+            problem = scene(regions, axes=axes)
         except ProblemError:  # nothing is left of the workspace
             continue
-        sure, likely = way(regions, place, spare=0.008), way(regions, place)
-        pull = np.append(rng.normal(size=3), np.zeros(3)) * rng.choice([0.0, 1.0])
-        path, steps, checker = follow(problem, place, pull, 20.0 if np.isfinite(likely) else 1.0)
+        sure, likely = (way(regions, place, spare, axes) for spare in (0.008, 0.0))
+        pull = np.append(rng.uniform(-1, 1, 3), np.zeros(3)) * rng.choice([0.0, 1.0])
+        path, steps, checker = follow(problem, place, pull, 10.0 if np.isfinite(likely) else 1.0)
         where = f"seed {seed}: {regions} from {place}"
         assert not any(checker.violations.values()), f"{where}: {checker.max_violation}"
         if not np.isfinite(likely):
@@ -270,7 +277,7 @@ def judge_scenes(seed: int, count: int) -> dict[str, int]:
         # Never further in than before, by the judge's own measure.
         outside = distances(regions, path).min(axis=0) >= -1e-6
         last = len(path) if not outside.any() else int(np.argmax(outside))
-        lengths = [way(regions, path[i]) for i in range(0, last, 25)]
+        lengths = [way(regions, path[i], axes=axes) for i in range(0, last, 25)]
         assert np.all(np.diff(lengths) <= 2 * STEP), f"{where}: {lengths}"
         # What is outside of a region never gets into it, and what is out stays out.
         for far in distances(regions, path):
@@ -279,7 +286,7 @@ def judge_scenes(seed: int, count: int) -> dict[str, int]:
 
 
 def test_every_object_with_a_straight_way_out_comes_out() -> None:
-    found = judge_scenes(0, 16)
+    found = judge_scenes(0, 12)
     assert found["led"] >= 8
 
 

@@ -1122,7 +1122,7 @@ def test_in_the_middle_of_the_cone_its_row_does_not_hold_the_object_back() -> No
 def test_a_problem_whose_rows_no_twist_can_move_steps_and_names_the_row_that_is_outside(
     average: float, unrolled: bool, axis: str, row: Any, outside: str
 ) -> None:
-    # The cone is about turns and the object only shifts; the box is about shifts, and it only turns.
+    # The cone is about turns and the object only shifts. The box is about shifts and it only turns.
     base = problem_of("screwing")
     problem = base.replace(
         limits=[TwistLimit(axes=(axis,)), row], control=replace(base.control, average=average)
@@ -1133,7 +1133,8 @@ def test_a_problem_whose_rows_no_twist_can_move_steps_and_names_the_row_that_is_
     step = stepper.step(base.response.comfort, pose=pose)
     assert (step.status, step.reason) == ("optimal", "")
     moves = problem.twist_limit.speed > 0
-    assert step.twist[moves].all() and not step.twist[~moves].any()
+    assert step.twist[moves].all()
+    assert not step.twist[~moves].any()
     pose[:3, :3], pose[0, 3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 2.0
     stepper.reset()
     step = stepper.step(base.response.comfort, pose=pose)

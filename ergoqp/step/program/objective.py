@@ -11,7 +11,8 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import is_set
+from ergoqp.expressions.linear import dense, is_set
+from ergoqp.limits.way_out import WayOut
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
 from ergoqp.step.program.bounds import STEADY_RETURN
@@ -131,29 +132,37 @@ def objective(
     )
     H += ca.diag(effort * (1 + hesitates**2 + smoothing))
     g = ahead * slope - smoothing * effort * known["previous"]
-    way = model.way_out(known["readings"])
-    return (H, g) if way is None else _led(model, known, way, H, g)
+    way, out = model.way_out(known["readings"]), problem.way_out
+    if way is None or out is None:
+        return H, g
+    H, g = _led_function(problem, out)(H, g, way[:4], known["previous"], known["dt"])
+    return H, g
 
 
-def _led(
-    model: StepModel, known: Mapping[str, ca.MX], way: ca.MX, H: ca.MX, g: ca.MX
-) -> tuple[ca.MX, ca.MX]:
-    """Return the objective (H, g) of an object that is led along `ergoqp.limits.way_out`.
+def _led_function(problem: Problem, out: WayOut) -> ca.Function:
+    """``(H, g, way (4,), previous, dt) -> (H, g)`` of an object that is led out of a region.
 
-    Only its turning is left to the cost, or the object would leave the straight way. Its speed is
-    that of every return from outside.
+    See `ergoqp.limits.way_out`. Only its turning is left to the cost, or the object would leave the
+    straight way. Its speed is that of every return from outside. Where no way is needed, nothing
+    changes.
     """
-    problem = model.problem
-    regions, acceleration = problem.way_out.kept, problem.twist_limit.linear_acceleration
-    pace = ca.fmax(way[3] / max(limit.recovery_time for limit in regions), STEADY_RETURN)
+    acceleration = problem.twist_limit.linear_acceleration
+    names = ("H", "g", "way", "previous", "dt")
+    sx = [ca.SX.sym(name, *size) for name, size in zip(names, _LED_SIZES, strict=True)]
+    H, g, way, previous, dt = sx
     # All axes speed up together, so that they keep to the way.
-    along = ca.fmax(ca.dot(way[:3], known["previous"][:3]), 0)
-    velocity = way[:3] * ca.fmin(pace, along + acceleration * known["dt"])
-    ends = ca.MX(ca.DM.zeros(3, 3))
-    led_H = ca.blockcat([[_LEADS * ca.DM.eye(3), ends], [ends, H[3:, 3:]]])
-    led_g = ca.vertcat(-_LEADS * velocity, g[3:])
+    along = ca.fmax(ca.dot(way[:3], previous[:3]), 0)
+    pace = ca.fmin(ca.fmax(way[3] / out.recovery_time, STEADY_RETURN), along + acceleration * dt)
+    led_H, led_g = ca.SX(H), ca.SX(g)
+    led_H[:3, :], led_H[:, :3] = 0, 0
+    led_H[:3, :3] = _LEADS * ca.SX.eye(3)
+    led_g[:3] = -_LEADS * pace * way[:3]
     led = way[3] > 0
-    return ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)
+    outputs = dense([ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)])
+    return ca.Function("led", sx, ca.cse(outputs))
+
+
+_LED_SIZES: Final = ((6, 6), (6, 1), (4, 1), (6, 1), (1, 1))
 
 
 def gain_function(model: StepModel) -> ca.Function:
