@@ -458,7 +458,9 @@ class Loop:
         if step.status not in _BRAKES:
             self._tally.judged += 1
             self._tally.answered += 1
-        elif self._law.another_way(posture, seen, step.locked, step.pose, dt, self._dice):
+        elif self._problem.way_out is None and self._law.another_way(
+            posture, seen, step.locked, step.pose, dt, self._dice
+        ):
             self._tally.judged += 1
             self._tally.wrong("not certified", step.reason.split(":")[0], where, step.reason)
 

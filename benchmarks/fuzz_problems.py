@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.fuzz_regions import random_regions
 from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
@@ -99,6 +100,8 @@ def _mutated(problem: Problem, rng: Rng, robot: DeclaredRobot) -> Problem:
             size=3
         )
         limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
+    if rng.random() < 0.4:
+        limits += random_regions(rng, middle[:3, 3], limits)
     recover = bool(rng.random() < 0.2)
     limits.append(
         JointLimit(
