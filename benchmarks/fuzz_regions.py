@@ -14,7 +14,7 @@ Rng = np.random.Generator
 
 
 def random_regions(rng: Rng, middle: np.ndarray, limits: list[Any]) -> list[KeepOut]:
-    """Return regions about a place (3,), over each other and at the ends of the workspace."""
+    """Return regions beside a place (3,), over each other and at the ends of the workspace."""
     box = next((limit for limit in limits if isinstance(limit, WorkspaceBox)), None)
     low, high = (
         (middle - 0.3, middle + 0.3) if box is None else map(np.array, (box.lower, box.upper))
@@ -23,16 +23,19 @@ def random_regions(rng: Rng, middle: np.ndarray, limits: list[Any]) -> list[Keep
     for number in range(int(rng.integers(1, 4))):
         at = rng.uniform(low, high) + rng.choice([0.0, 0.1]) * rng.normal(size=3)
         size = float(10 ** rng.uniform(-2, -0.5))
-        if rng.random() < 0.4:
-            axis = int(rng.integers(3))
-            at[axis] = (low, high)[int(rng.integers(2))][axis]
         normal = rng.normal(size=3)
         normal /= np.linalg.norm(normal)
+        if rng.random() < 0.5:
+            # Beside the place, so that the object comes to it.
+            at = middle - (size + 10 ** rng.uniform(-3, -1.5)) * normal
+        elif rng.random() < 0.8:
+            axis = int(rng.integers(3))
+            at[axis] = (low, high)[int(rng.integers(2))][axis]
         half = size * rng.uniform(0.2, 1.0, 3)
         region = (
             Ball(tuple(at), size),
             Box(tuple(at - half), tuple(at + half)),
-            HalfSpace(tuple(normal), float(normal @ at - size)),
+            HalfSpace(tuple(normal), float(normal @ at)),
         )[rng.integers(3)]
         found.append(KeepOut(region, name=f"region {number}"))
     return found
