@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
 from ergoqp.limits.limit import Limit, Rows, Situation
 
@@ -101,8 +102,7 @@ def judge_rates(limit: Limit, situation: Situation) -> None:
     Raises:
         ProblemError: if it is wrong.
     """
-    kinds = (type(limit), type(getattr(limit, "region", None)))
-    if all(kind.__module__.startswith(("ergoqp.", "builtins")) for kind in kinds):
+    if of_package(limit, getattr(limit, "region", None)):
         return
     key = id(limit), situation.posture.numel()
     known = _SEEN.get(key)

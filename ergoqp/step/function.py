@@ -15,6 +15,7 @@ from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, solver_named
+from ergoqp.step.answer.amiss import amiss
 from ergoqp.step.answer.accounting import account_function
 from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
@@ -121,6 +122,7 @@ def build_step(
     known |= by_name(gain_function(model), known)
     known |= by_name(shape(judge_function(model)), known, written=True)
     known["share"] = shortened(model, known)
+    known |= amiss(model, known)
     known |= by_name(shape(account_function(model)), known, written=True)
     known["next_state"] = joined(model.state, _next_state(model, found, known | watched))
 

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import of_package
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
@@ -84,7 +85,7 @@ class StepModel:
         sizes |= dict.fromkeys(("brake", "share", "went", "changed"), (6, 1))
         sizes |= {"next_rest": (STATES, 1)}
         sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
-        sizes |= dict.fromkeys(("now", "outside"), (rows, 1))
+        sizes |= dict.fromkeys(("now", "ahead", "outside"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
         sizes |= {"S": response.size_out(0), "E": response.size_out(1)}
         sizes |= {"readings": (self.readings.numel_out(0), 1), "way": (self.under_way.size, 1)}
@@ -145,6 +146,22 @@ class StepModel:
         """The limits with a `measure` function, and that function."""
         found = [(limit, limit.measure()) for limit in self.problem.row_limits]
         return [(limit, measure) for limit, measure in found if measure is not None]
+
+    @cached_property
+    def watched(self) -> set[str]:
+        """First names of limits whose rows may be NaN: those of users, or with a `measure`."""
+        measured = {limit.names[0] for limit, _ in self.measures}
+        return measured | {
+            limit.names[0]
+            for limit in self.problem.row_limits
+            if not of_package(limit, getattr(limit, "region", None))
+        }
+
+    @cached_property
+    def watched_rows(self) -> list[int]:
+        """Numbers of the rows of the `watched` limits."""
+        firsts = [limit.names[0] for limit in self.problem.row_limits for _ in limit.names]
+        return [row for row, first in enumerate(firsts) if first in self.watched]
 
     @cached_property
     def readings(self) -> ca.Function:

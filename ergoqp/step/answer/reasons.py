@@ -12,6 +12,7 @@ from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.answer.account import Account
+from ergoqp.step.answer.amiss import AHEAD, PARTS
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.program.bounds import limit_values
@@ -124,6 +125,8 @@ def _cause(
     if cause is Cause.robot:
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
+    if cause is Cause.term:
+        return _no_number(problem, account)
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
@@ -143,6 +146,25 @@ def _cause(
             "give the stepper its own dt"
         ),
     }[cause]
+
+
+def _no_number(problem: Problem, account: Account) -> str:
+    """Return which terms gave no usable number."""
+    if not account("pose_used")[-1]:
+        return "response: got a contact that is no rigid pose, allowed one within 100 m"
+    flags = account("amiss") > 0.5
+    said: dict[str, str] = {}
+    for (term, part), wrong in zip(PARTS, flags, strict=False):
+        # Without a sensitivity, nothing that follows from it is a number either.
+        if wrong and not ("response" in said and part == AHEAD):
+            of = f" of {problem.cost.name}" if term == "cost" else ""
+            found = f"{term}: got {part}{of} that is NaN or infinite, allowed finite numbers"
+            said.setdefault(term, found)
+    rows = np.flatnonzero(flags[len(PARTS) :]).tolist()
+    if rows and "response" not in said:
+        names = ", ".join(spoken(problem.row_names[row]) for row in rows)
+        said["limits"] = f"limits: got NaN in rows or margins of {names}, allowed numbers"
+    return "; ".join(said.values())
 
 
 def _unmeasured(robot: DeclaredRobot) -> str:
