@@ -74,6 +74,7 @@ def build_step(
     name: str = "step",
     guided: bool = False,
     unrolled: bool = False,
+    spare: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
@@ -94,8 +95,9 @@ def build_step(
             `ergoqp.step.guide.pull`.
         unrolled: whether every operation is written on its own instead of as vectors. This is the
             fastest form for a compiler and the slowest for an interpreter.
+        spare: whether cost and readings are NaN, so that the step only brakes.
     """
-    model, shape = StepModel(problem, guided), scalars if unrolled else vectors
+    model, shape = StepModel(problem, guided, spare), scalars if unrolled else vectors
     names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])

@@ -34,10 +34,12 @@ class StepModel:
     Attributes:
         problem: the task.
         guided: whether the step can be drawn to a guide.
+        spare: whether cost and readings are NaN, see `ergoqp.step.spare`.
     """
 
     problem: Problem
     guided: bool = False
+    spare: bool = False
 
     @cached_property
     def history(self) -> History:
@@ -172,6 +174,8 @@ class StepModel:
         posture = ca.MX.sym("posture", len(self.problem.coordinates))
         measured = [measure(posture) for _, measure in self.measures]
         readings = ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)
+        if self.spare:
+            readings = ca.MX(ca.DM.nan(*readings.shape))
         return ca.Function("readings", [posture], [readings], ["posture"], ["readings"])
 
     def situation(

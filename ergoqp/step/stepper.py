@@ -14,15 +14,17 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers import solver_named
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.answer.step import Step
-from ergoqp.step.function import step_function
+from ergoqp.step.function import build_step, step_function
 from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.model import StepModel
 from ergoqp.step.packing import count
 from ergoqp.step.rest import STATES, stalled
+from ergoqp.step.spare import callers, guarded
 from ergoqp.step.state import initial_state
 from ergoqp.step.under_way.history import SHORTEST_DT
 from ergoqp.step.user_values import number, put, truth
@@ -115,6 +117,11 @@ class Stepper:
         self._call, self._inputs = evaluator.evaluate, evaluator.inputs
         if self._loop["solver"] != "daqp":
             self._call = passing_on(evaluator.evaluate)
+        self._raised: list[str] = []
+        if callers(self.problem):
+            solver = solver_named(self._loop["solver"])
+            spare = build_step(self.problem, solver, guided=self._guided, spare=True)
+            self._call = guarded(self._call, evaluator, spare, self._raised)
         # One array for all outputs: a step copies it once, and all its members are views of the
         # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
@@ -347,6 +354,9 @@ class Stepper:
 
     def _answer(self, notes: Mapping[str, str], start: float) -> Step:
         account, into = self._out.copy(), self._inputs
+        if self._raised:
+            words = f"{', '.join(callers(self.problem))}: got {self._raised.pop()}, allowed a number"
+            notes = {**notes, "term": words}
         self._state_in[:] = self._state_out
         seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]

@@ -126,7 +126,7 @@ def _cause(
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
     if cause is Cause.term:
-        return _no_number(problem, account)
+        return notes.get("term") or _no_number(problem, account)
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
