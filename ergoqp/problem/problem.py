@@ -22,6 +22,7 @@ from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.tried import check_pace, judge_terms
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.options import check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -98,6 +99,7 @@ class Problem:
             )
         self._check_room()
         self.own_limits.judge()
+        check_pace(self.own_times, self.dt)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -129,6 +131,11 @@ class Problem:
     def own_limits(self) -> OwnLimits:
         """The limits that are judged by their rows only, see `ergoqp.limits.own_rows`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
+
+    @cached_property
+    def own_times(self) -> dict[str, float]:
+        """How long a user's cost and response take [s], see `ergoqp.problem.tried`."""
+        return judge_terms(self.cost, self.response)
 
     @cached_property
     def stop(self) -> Stop:

@@ -15,8 +15,8 @@ from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, solver_named
-from ergoqp.step.answer.amiss import amiss
 from ergoqp.step.answer.accounting import account_function
+from ergoqp.step.answer.amiss import amiss
 from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.inputs import INPUTS, OUTPUTS, read_inputs

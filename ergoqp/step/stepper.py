@@ -14,6 +14,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.tried import slowest
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
@@ -106,6 +107,8 @@ class Stepper:
         self._rest_at = count({name: parts[name] for name in ("history", "stored", "started")})
         self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
         self._notes: dict[str, str] = {}
+        if slow := slowest(self.problem.own_times, self.dt):
+            self._notes["slow"] = slow
         self._held = False
         if place is not None:
             self._lead(place)
@@ -189,7 +192,7 @@ class Stepper:
                 "guide: the stepper was made without one, allowed only where Stepper(guide=...) had"
                 " a place"
             )
-        self._notes.clear()
+        self._notes.pop("guide", None)
         self._inputs["guided"][0] = 0.0
         self._state_in[-TRIAL:] = 0.0
         if guide is None:
@@ -355,7 +358,9 @@ class Stepper:
     def _answer(self, notes: Mapping[str, str], start: float) -> Step:
         account, into = self._out.copy(), self._inputs
         if self._raised:
-            words = f"{', '.join(callers(self.problem))}: got {self._raised.pop()}, allowed a number"
+            words = (
+                f"{', '.join(callers(self.problem))}: got {self._raised.pop()}, allowed a number"
+            )
             notes = {**notes, "term": words}
         self._state_in[:] = self._state_out
         seen = (into["posture"].copy(), into["dt"][0], into["age"][0])

@@ -44,7 +44,7 @@ def reason_of(
         age: age as given [s].
         notes: what was wrong with inputs before they became numbers, by their name.
     """
-    log = [notes["log"]] if "log" in notes else []
+    log = [notes[name] for name in ("late", "log") if name in notes]
     status, margins = Status[account.status], account("margins")
     causes = [cause for cause in Cause if int(account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
