@@ -63,7 +63,7 @@ def _amiss_function(model: StepModel) -> ca.Function:
 
 
 def _landed_rows(model: StepModel) -> ca.Function:
-    """Return the function for rows (r,): NaN where a watched one is, at the landing pose; else 0."""
+    """Return the function for rows (r,) at the landing pose: NaN where a watched one is, or 0."""
     sx = model.symbols((*PLACE, "shift", "S"))
     brake = model.problem.stop.braking(sx["previous"], sx["dt"])
     situation = model.situation(sx, model.sparse(sx["S"]), brake)
