@@ -102,9 +102,9 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``, ``others``} or null: the worst
     frame, see `Assessment.worst`, and how many others have its score; ``segments`` {segment:
     {``mean``, ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames
-    beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown), ``centre_error_mm`` {centre:
-    the same}; ``markers`` {marker: {``frame`` of the body that it sits on, ``residual_mm``, null if
-    it is never seen}}; ``assumptions``. Frames count from 0.
+    beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown),
+    ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of the body that it sits
+    on, ``residual_mm``, null if it is never seen}}; ``assumptions``. Frames count from 0.
 
     Args:
         recording: the recording that was scored.
