@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import time
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from copy import copy
 from typing import Any, Final
 
@@ -56,26 +56,24 @@ def judge_terms(cost: Any, response: Any) -> dict[str, float]:
     state = tuple(response.coordinates)
     comfort = np.asarray(getattr(response, "comfort", np.zeros(len(state))), dtype=float)
     found = {}
-    for term, name, judge in (
-        (cost, f"cost {getattr(cost, 'name', '')}", _Cost),
-        (response, "response", _Response),
-    ):
-        if not of_package(term):
-            found[name] = _once(term, state, lambda: judge(term, state, comfort).judged())  # noqa: B023
+    if not of_package(cost):
+        found[f"cost {cost.name}"] = _once(_Cost, cost, state, comfort)
+    if not of_package(response):
+        found["response"] = _once(_Response, response, state, comfort)
     return found
 
 
-def _once(term: Any, state: tuple[str, ...], judge: Callable[[], float]) -> float:
-    """Return the result of `judge`, which runs once for the same object."""
-    known = _SEEN.get((id(term), state))
+def _once(
+    judge: type[_Cost | _Response], term: Any, state: tuple[str, ...], comfort: np.ndarray
+) -> float:
+    """Return how long a term takes [s]; the same object is judged once."""
+    key = id(term), state
+    known = _SEEN.get(key)
     if known is not None and known[0]() is term:
         return known[1]
-    took = judge()
+    took = judge(term, state, comfort).judged()
     with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
-        _SEEN[id(term), state] = (
-            weakref.ref(term, lambda _: _SEEN.pop((id(term), state), None)),
-            took,
-        )
+        _SEEN[key] = weakref.ref(term, lambda _: _SEEN.pop(key, None)), took
     return took
 
 
@@ -131,9 +129,8 @@ class _Cost:
             )
         called = self._called()
         apart = np.abs(called - values)
-        if (worst := int(np.argmax(apart))) >= 0 and not (
-            apart <= _SAME * (1 + np.abs(values))
-        ).all():
+        if not (apart <= _SAME * (1 + np.abs(values))).all():
+            worst = int(np.argmax(apart))
             raise ProblemError(
                 f"cost: got {values[worst]:.6g} from the expression of {name} and"
                 f" {called[worst]:.6g} from its call at the same posture, allowed the same"
@@ -172,7 +169,7 @@ class _Cost:
         """
         way = end - begin
         shares = np.linspace(0, 1, _POINTS)
-        points = [self._on(begin, way, share) for share in shares]
+        points = [self._on(begin, way, share) for share in shares.tolist()]
         values, slopes = np.array(points).T
         steepest = float(np.abs(slopes).max())
         rises = np.abs(np.diff(values) - (slopes[1:] + slopes[:-1]) / 2 / (_POINTS - 1))
@@ -325,6 +322,3 @@ def check_pace(times: dict[str, float], dt: float) -> None:
                 f" allowed less than the period of {1e3 * dt:g} ms: a longer dt or a simpler"
                 " expression"
             )
-
-
-__all__: Sequence[str] = ("check_pace", "judge_terms", "slowest")

@@ -315,7 +315,7 @@ class Asked(ca.Callback):
         self.does: Any = lambda q: None
         self.construct("asked", {"enable_fd": True})
 
-    def get_sparsity_in(self, _: int) -> ca.Sparsity:
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
         return ca.Sparsity.dense(32, 1)
 
     def eval(self, arguments: Any) -> Any:
