@@ -5,18 +5,23 @@ from __future__ import annotations
 import re
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from ergoqp.coordinates import Coordinates
 from ergoqp.joints import JOINTS
-from ergoqp.limits import Rows, Situation, TwistLimit, WorkspaceBox
+from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
+from ergoqp.step.certification import _shorten_function
 from ergoqp.step.function import step_function
+from ergoqp.step.model import StepModel
+from ergoqp.step.program.data import qp_data
+from ergoqp.step.program.margins import Margins, smallest_margins
 from ergoqp.step.stepper import Stepper
 
 SOLVERS = ("daqp", "osqp", "highs")
@@ -114,6 +119,8 @@ class Wall:
         least = straight_margins(self.rows(situation), displacement)
         if "margins ahead" in self.bad:
             return spoiled(least, situation.pose[0, 3] + displacement[0] - 0.55, np.nan)
+        if "margins here" in self.bad:
+            return spoiled(least, 1e-14 - ca.sumsqr(displacement), np.nan)
         return spoiled(least, situation.pose[0, 3] - 0.55, self.bad.get("margins"))
 
 
@@ -202,12 +209,14 @@ def test_nan_of_a_limit_brakes_and_is_named(where: str, solver: str) -> None:
     if where != "margins ahead":
         assert len(beyond) > 50
         assert all(step.status == "braking" for step in beyond[1:])
-    told = [step for _, step in steps if "NaN" in step.reason]
+    else:
+        assert max(x for x, _ in steps) < 0.5501
+    named = "limits: got NaN in rows or margins of wall, allowed numbers"
+    told = [step for _, step in steps if step.reason == named]
     assert told
     assert {step.status for step in told} == {"braking"}
-    assert {step.reason for step in told} == {
-        "limits: got NaN in rows or margins of wall, allowed numbers"
-    }
+    if solver == "daqp":
+        assert {step.reason for _, step in steps} == {"", named}
 
 
 @pytest.mark.parametrize("where", ["readings", "below"])
@@ -263,6 +272,8 @@ def test_bad_numbers_of_cost_and_response_are_named(
         assert good[-1].status == "optimal"
         assert good[-1].twist[0] > 0.05
     assert np.isfinite(good[-1].account("next_state")).all()
+    if where == "contact":
+        np.testing.assert_allclose(good[0].pose[:3, 3], 0.5, atol=1e-12)
 
 
 def test_a_slope_and_a_cost_ahead_without_a_number_are_named() -> None:
@@ -305,6 +316,94 @@ def test_the_compiled_step_brakes_by_the_same_names() -> None:
         reasons.add(a.reason)
     assert any("wall" in reason for reason in reasons)
     assert any("pull" in reason for reason in reasons)
+
+
+def test_nan_of_the_present_margin_alone_is_named() -> None:
+    wall = Wall()
+    problem = problem_with(limits=[wall])
+    wall.bad["margins here"] = True
+    step = Stepper(problem).step(FORWARD)
+    assert step.status == "braking"
+    assert step.reason == "limits: got NaN in rows or margins of wall, allowed numbers"
+    assert np.flatnonzero(step.account("amiss")).tolist() == [5 + problem.row_names.index("wall")]
+
+
+@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("where", ["below", "above", "rate", "reserve", "matrix"])
+def test_present_margins_and_the_objective_keep_the_nan_of_a_row(where: str, linear: bool) -> None:
+    wall = Wall(linear=linear)
+    problem = problem_with(limits=[wall])
+    wall.bad[where] = np.nan
+    model, pose = StepModel(problem), begin()
+    pose[0, 3] = 0.56
+    known = model.symbols(("posture", "observed", "readings", "pose", "S"), ca.MX)
+    now = ca.Function("now", list(known.values()), [Margins(model, known).now])
+    found = np.array(now(FORWARD, np.ones(32), [], pose, np.eye(32, 6))).ravel()
+    assert np.isnan(found).tolist() == [name == "wall" for name in problem.row_names]
+    data = qp_data(problem)(
+        posture=FORWARD, observed=1, pose=pose, previous=0, dt=0.01, stalled=0, locked=0, final=0
+    )
+    assert np.isnan(np.array(data["A" if where == "matrix" else "g"])).any()
+
+
+def test_no_share_of_the_way_is_certified_by_nan() -> None:
+    class Hole(Wall):
+        """Margins that are negative far ahead, NaN less far, and positive here."""
+
+        def margins(self, situation: Situation, displacement: Any) -> Any:
+            ahead = displacement[0]
+            near = ca.if_else(ahead > 0.75 * full, -1, 1 if holds else np.nan)
+            return ca.if_else(ahead > 1e-9, near, 1)
+
+    wanted, dt = np.r_[0.1, np.zeros(5)], 0.01
+    full = float(problem_with().stop.displacement(ca.SX(ca.DM(wanted)), ca.SX(dt))[0])
+    for holds in (True, False):
+        hole = Hole()
+        problem = problem_with(limits=[])
+        object.__setattr__(problem, "limits", (*problem.limits, hole))
+        vars(problem).pop("row_limits", None)
+        vars(problem).pop("row_names", None)
+        model = StepModel(problem)
+        function = _shorten_function(model)
+        sizes = {name: np.zeros(model.size(name)) for name in function.name_in()}
+        given = sizes | {"landed": begin(), "wanted": wanted, "dt": dt, "observed": np.ones(32)}
+        given["now"] = np.ones(model.size("now"))
+        share = float(function(**given)["share"][0])
+        assert share == (0.5 if holds else 0.0)
+
+
+def test_a_hold_does_not_hide_nan() -> None:
+    class Far(Wall):
+        def margins(self, situation: Situation, displacement: Any) -> Any:
+            return ca.if_else(displacement[0] > 0.5, np.nan, ca.DM([1.0]))
+
+    ways = ca.DM([[0.0, 1.0], *[[0.0, 0.0]] * 5])
+    here: Any = None
+    for order in ([0, 1], [1, 0]):
+        found = smallest_margins(Far(), (here, here), ways[:, order])
+        assert np.isnan(float(found))
+
+
+def test_a_model_of_a_user_that_gives_nan_is_named() -> None:
+    class Model:
+        """What a boundary needs of a one-class machine."""
+
+        coordinates = Coordinates(JOINTS[:2])
+        gamma, scale = 1.0, np.ones(2)
+
+        @property
+        def margin_and_slope(self) -> ca.Function:
+            x = ca.MX.sym("x", 2)
+            value = ca.if_else(x[1] > 0, np.nan, 1.0)
+            return ca.Function("margin", [x], [value, ca.MX(ca.DM.zeros(2))])
+
+    boundary: Any = OneClassBoundary(cast("Any", Model()))
+    stepper, posture = Stepper(problem_with(limits=[boundary])), FORWARD.copy()
+    assert stepper.step(posture).reason == ""
+    posture[1] = 0.1
+    step = stepper.step(posture)
+    assert step.status == "braking"
+    assert step.reason == "limits: got NaN in rows or margins of boundary, allowed numbers"
 
 
 class Asked(ca.Callback):
