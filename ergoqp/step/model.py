@@ -151,9 +151,8 @@ class StepModel:
 
     @cached_property
     def watched(self) -> set[str]:
-        """First names of limits whose rows may be NaN: those of users, or with a `measure`."""
-        measured = {limit.names[0] for limit, _ in self.measures}
-        return measured | {
+        """First names of the limits of users, whose rows may be NaN where margins are not."""
+        return {
             limit.names[0]
             for limit in self.problem.row_limits
             if not of_package(limit, getattr(limit, "region", None))
