@@ -275,8 +275,13 @@ class Law:
         pose: np.ndarray,
         dt: float,
         rng: np.random.Generator,
+        presumed: bool,
     ) -> bool:
-        """Whether another reachable twist keeps everything through its stop as well as braking."""
+        """Whether another reachable twist keeps everything through its stop as well as braking.
+
+        Where the pose is `presumed`, taken from a posture, the object may be as far off as is
+        declared.
+        """
         limit, brake = self.problem.twist_limit, self.braked(dt)
         previous = self.planned
         low = np.minimum(np.maximum(-limit.speed, previous - limit.acceleration * dt), brake)
@@ -290,6 +295,11 @@ class Law:
         known = np.where(seen & np.isfinite(posture), posture, comfort)
         S = np.array(self._sensitivity(known, np.isin(JOINTS, locked).astype(float))[0])
         outside = self._outside(np.vstack([brake, tried]), known, seen, S, pose, dt)
+        if presumed:
+            robot = self.problem.robot
+            turn = [np.radians(robot.pose_from_posture_deg), 0.0, 0.0]
+            first = np.array([*[robot.pose_from_posture] * 3, *turn])
+            outside[:, : len(self.rows.names)] += self.rows.reach(first)
         joints = np.where(seen, self.joints.outside(known), -np.inf)
         now = np.concatenate([self.rows.outside(pose), joints])
         allowed = np.maximum(np.maximum(now, outside[0]), 0) + 1e-9

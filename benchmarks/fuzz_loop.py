@@ -13,9 +13,9 @@ from benchmarks.fuzz_inputs import Call
 from benchmarks.fuzz_judge import Law, Sent, Tally
 from benchmarks.fuzz_object import ObjectJudge
 from benchmarks.fuzz_problems import moving, somewhere
-from benchmarks.fuzz_reasons import SHORT, ReasonJudge
+from benchmarks.fuzz_reasons import LATCHED, SHORT, ReasonJudge
 from benchmarks.fuzz_robot import RobotReckoning
-from benchmarks.fuzz_world import TrueObject, moved, turned
+from benchmarks.fuzz_world import TrueObject, moved
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
@@ -23,6 +23,9 @@ from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.stepper import Step, Stepper
 
 _BRAKES: Final = ("braking", "invalid")
+
+_ACKNOWLEDGED: Final = 0.1
+"""Share of the calls after a fault without a pose before which it is acknowledged."""
 
 _STOPS: Final = 0.1
 """Share of the steps from which the object is really braked down."""
@@ -107,15 +110,7 @@ class Loop:
         self._declared, self._done = TrueObject(as_declared, np.eye(4), start), np.zeros(6)
         self._placed, self._anchored, self._disobeys = place is not None, False, 0
         self._before: np.ndarray | None = None
-        # Along each axis and against it (6, 2) [m, rad]: what was sent since the last call, what
-        # was sent and is not reported yet, and how far the object can have gone since it was
-        # measured; and how far it is reckoned to have gone (6,).
-        self._way, self._short, self._room, self._gone = (
-            np.zeros((6, 2)),
-            np.zeros((6, 2)),
-            np.zeros((6, 2)),
-            np.zeros(6),
-        )
+        self._presumed, self._reason = True, ""
         self._periods: deque[float] = deque(maxlen=100)
 
     def sane(self) -> Call:
@@ -139,6 +134,9 @@ class Loop:
         )
         self._tally.steps += 1
         self._keep_declared(call)
+        if LATCHED in self._reason and self._rng.random() < _ACKNOWLEDGED:
+            self._stepper.try_again()
+            self._robot.acknowledge()
         state = self._state.copy()
         try:
             if call.kind == "reset":
@@ -262,13 +260,15 @@ class Loop:
             self._may_be_short(dt),
             bool(self._problem.robot.needs_pose and not measured),
         )
-        self._place(call, step, posture, seen, measured, told, short, where)
+        self._place(call, step, posture, seen, measured, short, where)
+        self._presumed &= not measured
         self._object.settle(state, self._sent, dt)
         lied = bool(call.lies) or self._disobeys > 0
         self._robot.look(
             self._before, step.pose, measured, told, lied, dt, given.get("enable") is not False
         )
-        if not (call.causes or posture is None or short or unmeasured or self._robot.may):
+        unknown = unmeasured or self._robot.may or self._robot.doubted
+        if not (call.causes or posture is None or short or unknown):
             self._certify(step, posture, seen, dt, where)
         self._reasons.judge(call, step, self._robot, posture, seen, short, unmeasured, where)
         self._judge_joints(step, posture, seen, dt, where)
@@ -305,10 +305,10 @@ class Loop:
             self._tally.wrong(
                 "unsafe", "not the mean", where, f"{step.twist} and {self._law.mean()}"
             )
+        self._reason = reason
         self._robot.follow(reason, step.status in _BRAKES, stopped, step.twist, dt)
         self._done = sum((part for _, part in self._declared.send(step.twist, dt)), np.zeros(6))
         self._periods.appendleft(dt)
-        self._way += np.maximum(np.stack([step.twist, -step.twist], axis=1), 0) * dt
         self._before = step.pose.copy() if self._anchored else None
         self._object.send(
             step.twist, dt, "", where, f"{step.status} {step.twist} dt {dt:g} {reason!r}"
@@ -340,7 +340,6 @@ class Loop:
         posture: np.ndarray | None,
         seen: np.ndarray,
         measured: bool,
-        told: np.ndarray | None,
         short: bool,
         where: str,
     ) -> None:
@@ -358,8 +357,7 @@ class Loop:
         else:
             expected = moved(self._before, self._done)
         off = np.abs(step.pose - expected).max() > 1e-8
-        reported = self._reported(step.pose, told, measured)
-        if off and not (self._before is not None and not measured and (short or reported)):
+        if off and not (self._before is not None and not measured and short):
             self._tally.wrong(
                 "unsafe",
                 "pose",
@@ -378,35 +376,6 @@ class Loop:
             # Whoever measures it elsewhere moved it; where nobody measures it, it is where the
             # posture says.
             self._object.appear(step.pose)
-        elif off and not measured:
-            # A report that is believed is true.
-            self._object.appear(moved(world.seen.pose, turned(expected, step.pose)))
-
-    def _reported(self, pose: np.ndarray, told: np.ndarray | None, measured: bool) -> bool:
-        """Whether a robot doing what it reports, as far as sent by then, can be at a pose (4, 4).
-
-        Only once a fault may be known.
-        """
-        robot = self._problem.robot
-        most = self._short + (1 + robot.gain_error) * self._way
-        way = self._way @ [1.0, -1.0] if told is None else told * self._sent.lasted
-        self._short = most - np.minimum(np.maximum(np.stack([way, -way], axis=1), 0), most)
-        if measured or self._before is None:
-            self._room, self._gone = self._short.copy(), np.zeros(6)
-        else:
-            self._room, self._gone = (
-                self._room + (1 + robot.gain_error) * self._way,
-                self._gone + turned(self._before, pose),
-            )
-        self._way = np.zeros((6, 2))
-        if told is None or self._before is None or not self._robot.doubtful:
-            return False
-        if robot.delay or robot.pose_delay or robot.lag:
-            return True
-        return bool(
-            (self._gone <= self._room[:, 0] + 1e-8).all()
-            and (self._gone >= -self._room[:, 1] - 1e-8).all()
-        )
 
     def _judge_braking(self, step: Step, state: np.ndarray, dt: float, where: str) -> None:
         """A step that cannot do more sends what `Stepper.brake` does."""
@@ -458,7 +427,9 @@ class Loop:
         if step.status not in _BRAKES:
             self._tally.judged += 1
             self._tally.answered += 1
-        elif self._law.another_way(posture, seen, step.locked, step.pose, dt, self._dice):
+        elif self._law.another_way(
+            posture, seen, step.locked, step.pose, dt, self._dice, self._presumed
+        ):
             self._tally.judged += 1
             self._tally.wrong("not certified", step.reason.split(":")[0], where, step.reason)
 

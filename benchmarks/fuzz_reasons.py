@@ -16,7 +16,8 @@ from ergoqp.step.stepper import Step
 
 _STOPS: Final = ("braking", "invalid")
 
-_OF_ROBOT: Final = ("robot:", "comes to rest before it moves again")
+LATCHED: Final = "until a pose is measured"
+_OF_ROBOT: Final = ("robot:", "comes to rest before it moves again", LATCHED)
 _OF_STEP: Final = ("no twist but braking keeps every limit", "the QP was not solved")
 SHORT: Final = "much shorter than the loop"
 _UNMEASURED: Final = "no pose, and the robot is declared"

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.fuzz_world import turned
+from benchmarks.fuzz_world import moved, turned
 from ergoqp.problem.problem import Problem
 
 _UNIT: Final = np.repeat([1e-3, np.radians(0.2)], 3)
@@ -35,6 +35,7 @@ class RobotReckoning:
             to rest since one.
         may: whether it may brake because of the robot.
         named: whether it has to say ``robot: ...``.
+        doubted: whether there may have been a fault since a pose was measured.
     """
 
     def __init__(self, problem: Problem, honest: bool, twist: np.ndarray) -> None:
@@ -53,21 +54,23 @@ class RobotReckoning:
         )
         limit = problem.twist_limit
         self._credible = 0.5 * np.repeat([limit.linear_speed, limit.angular_speed], 3)
-        # The error of an orientation turns with the object, and may then lie along any axis.
-        spread = (1 + np.sqrt(3)) * np.radians(problem.robot.pose_noise_deg)
+        # Seen in the axes of the object, the error of an orientation may lie along any axis.
+        spread = np.sqrt(3) * np.radians(problem.robot.pose_noise_deg)
         self._noise = np.repeat([problem.robot.pose_noise, spread], 3)
         self.must = self.may = self.named = self._blamed = False
         self._still, self._since, self._phase = (0.0 if twist.any() else np.inf), np.inf, ""
         self._sent, self._lasted = np.array(twist), problem.dt
         self._most = np.abs(self._sent)
         self._surprise, self._heard, self._heard_perhaps = np.zeros(6), 0.0, 0.0
-        self._parked, self._crept = False, np.zeros(6)
+        self._parked, self._crept, self._pose = False, np.zeros(6), np.eye(4)
+        self.doubted = self._latched = False
         self._stand_still(False, False)
 
     def _stand_still(self, measured: bool, lied: bool) -> None:
         """Begin to compare again."""
         self._apart, self._path, self._lied = np.zeros(6), np.zeros(6), lied
-        self._surprise = np.zeros(6)
+        self._surprise, self._area = np.zeros(6), 0.0
+        self._sent_to = self._pose.copy()
         self._low = self._high = np.zeros(6) if measured else None
         self._drift, self._blur = np.zeros(6), np.zeros(6)
         # What lags fades, also after everything has stood still for as long as the robot is late.
@@ -81,10 +84,9 @@ class RobotReckoning:
         """
         self._stand_still(False, False)
 
-    @property
-    def doubtful(self) -> bool:
-        """Whether there may be a fault by what was reported until now, or one was named."""
-        return bool(self._phase) or self._blamed or self._heard_perhaps > _FEW
+    def acknowledge(self) -> None:
+        """Let the object move again, though no pose shows where it is."""
+        self._latched = False
 
     @property
     def _pause(self) -> float:
@@ -115,11 +117,14 @@ class RobotReckoning:
         parked = self._still >= max(self._pause, 1e-9)
         self._lied |= lied
         surely, perhaps = [0.0], [0.0]
-        if before is not None:
+        self._pose = pose
+        if before is None:
+            self._sent_to = pose.copy()
+        else:
             self._compare(
                 turned(before, pose), self._sent * self._lasted, measured, surely, perhaps
             )
-        elif measured:
+        if before is None and measured:
             self._low = self._high = self._apart
         if (parked and (not self._parked or self._blamed or max(surely) > _MANY)) or not enabled:
             # What it moved at rest while it was blamed may count on, or not.
@@ -151,8 +156,12 @@ class RobotReckoning:
         owes = bool(self._phase) and min(self._still, self._since) < limit
         # The period that begins counts already.
         rests = self._still == 0 or (self._phase == "fault" and self._still + dt < _CALM - 1e-9)
-        self.named, self.must = fault, fault or (bool(self._phase) and rests)
-        self.may = self.must or possible or owes
+        # Without a pose it rests from a fault on until it is acknowledged, which is judged where it
+        # certainly is one; where there may be one, it may.
+        self._latched = not measured and (fault or self._latched)
+        self.doubted = not measured and (possible or fault or self._blamed or self.doubted)
+        self.named, self.must = fault, fault or self._latched or (bool(self._phase) and rests)
+        self.may = self.must or possible or owes or self.doubted
         if fault:
             self._begin("fault")
 
@@ -169,6 +178,12 @@ class RobotReckoning:
         self._path = self._path + np.abs(done)
         self._most = np.maximum(self._most, np.abs(self._sent))
         self._apart = self._apart + went - done
+        self._sent_to = moved(self._sent_to, done)
+        if robot.pose_noise_deg:
+            # Differences of noisy orientations do not add up, so the whole turns are compared, in
+            # the axes of the sent one: an error that is present turns with the object.
+            off = turned(self._sent_to, self._pose)[3:]
+            self._apart[3:] = self._sent_to[:3, :3].T @ off
         if not measured:
             return
         if self._low is None or self._high is None:
@@ -190,6 +205,10 @@ class RobotReckoning:
             + slow * self._most
             + robot.gain_error * np.linalg.norm(self._path)
         )
+        # The turns of a late robot do not commute with those that it still owes.
+        lagged = robot.delay + robot.pose_delay + robot.lag
+        self._area += lagged * float(np.linalg.norm(self._most[3:]) * np.linalg.norm(done[3:]))
+        room[3:] += 2 * self._area
         fast = (1 + robot.gain_error) * self._most * self._lasted
         least, most = (
             (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))

@@ -37,6 +37,19 @@ What is said, where a pose or a twist is reported:
   what was sent by that much, for that long, blames so many of the runs of robots that keep what is
   declared.
 
+Where the pose is given once and then only a twist (`benchmarks.tracking_twists`):
+
+- ``outside_mm.wrong_twist``, ``outside_deg.wrong_twist``: an ideal robot that reports its twist
+  wrongly; ``.acknowledged``: and its stop is acknowledged every two seconds; ``.believed``: the
+  control, a step that takes the integral of the report for its pose; ``path_m...``: their paths;
+- ``path_share.noisy_twist``: path with a noisy twist over that with the true one.
+
+Robots that turn without rest for half a minute (`benchmarks.tracking_faults`):
+
+- ``turning_runs``, ``false_faults.turning``: runs of robots as declared, and those of them in which
+  a fault is said (they count in ``false_faults`` too); ``unnamed_faults.near``: robots whose gain
+  is 0.03 beyond the declared one, or whose lag is 1.3 times as long, not named within 3 s.
+
 And ``path_share.declared``: path of the declared robots' objects over that of the ideal robot's,
 all together, driven in the problems' own workspaces; ``path_share.worst`` of the robot that loses
 most, ``path_share.narrow`` in the small box, where a wall is always near. ``still.path_m`` is the
@@ -54,9 +67,11 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from benchmarks.report import Report, run
+from benchmarks.tracking_faults import declarations, honest, near
 from benchmarks.tracking_judges import Found
 from benchmarks.tracking_loops import drive, driven, stepper_of
 from benchmarks.tracking_robots import NONE, Case, cases
+from benchmarks.tracking_twists import LIES, NOISES, believed, drive_blind
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop
@@ -162,14 +177,87 @@ def measure(report: Report) -> None:
         loops = [
             pool.submit(people_of, name, seeds, duration) for name in report.pick(names[-1:], names)
         ]
+        blind = _Blind(report, pool)
+        turning = _Turning(report, pool)
         for done, future in enumerate(futures, start=1):
             results += future.result()
             if done % 10 == 0:
                 report.say(f"{done}/{len(futures)}")
         people = [future.result() for future in loops]
-    _figures(report, results)
+        blind.figures(report)
+        false = turning.figures(report)
+    _figures(report, results, false)
     report.figure("loops", sum(count for count, _ in people))
     report.figure("worse_than_start", sum(worse for _, worse in people))
+
+
+class _Blind:
+    """Ideal robots that report a wrong twist, or a noisy one, and never their pose."""
+
+    def __init__(self, report: Report, pool: ProcessPoolExecutor) -> None:
+        seconds = report.pick(6.0, 120.0)
+        seeds = range(report.pick(1, 3))
+        self._runs = {
+            label: [
+                pool.submit(drive_blind, kind, near, said, seconds, seed)
+                for kind in LIES
+                for near in (False, True)
+                for seed in seeds
+            ]
+            for label, said in (("wrong_twist", False), ("acknowledged", True))
+        }
+        self._runs["believed"] = [
+            pool.submit(believed, kind, near, seconds, 0) for kind in LIES for near in (False, True)
+        ]
+        self._noisy = {
+            size: [
+                pool.submit(drive_blind, f"noise {size}", near, False, seconds, seed)
+                for near in (False, True)
+                for seed in seeds
+            ]
+            for size in NOISES
+        }
+
+    def figures(self, report: Report) -> None:
+        for label, futures in self._runs.items():
+            runs = [future.result() for future in futures]
+            report.figure(f"outside_mm.{label}", max(run[0] for run in runs), f"{len(runs)} runs")
+            report.figure(f"outside_deg.{label}", max(run[1] for run in runs))
+            report.figure(f"path_m.{label}", float(np.mean([run[2] for run in runs])))
+        paths = {
+            size: sum(future.result()[2] for future in futures)
+            for size, futures in self._noisy.items()
+        }
+        true = paths.pop(0.0)
+        report.figure(
+            "path_share.noisy_twist",
+            min(paths.values()) / true,
+            f"of {true:.2f} m with true twists",
+        )
+
+
+class _Turning:
+    """Robots that turn without rest, as declared and a little beyond it."""
+
+    def __init__(self, report: Report, pool: ProcessPoolExecutor) -> None:
+        count, runs, seconds = report.pick(6, 200), report.pick(1, 10), report.pick(8.0, 30.0)
+        self._honest = [
+            pool.submit(honest, declared, names, runs, seconds, number)
+            for number, (declared, names) in enumerate(declarations(count, seed=7))
+        ]
+        self._near = [pool.submit(near, number, 7) for number in range(report.pick(3, 100))]
+
+    def figures(self, report: Report) -> int:
+        runs = [run for future in self._honest for run in future.result()]
+        false = [(names, kind, said[0]) for names, _, kind, said in runs if said]
+        report.figure("turning_runs", len(runs), "every pair and triple of what can be declared")
+        report.figure("false_faults.turning", len(false), str(false[:2])[:200])
+        near_runs = [run for future in self._near for run in future.result()]
+        unnamed = [(names, declared, kind) for names, declared, kind, said in near_runs if not said]
+        report.figure(
+            "unnamed_faults.near", len(unnamed), f"of {len(near_runs)} {str(unnamed[:1])[:200]}"
+        )
+        return len(false)
 
 
 def _forms(report: Report, name: str, case: Case) -> tuple[str, ...]:
@@ -178,7 +266,7 @@ def _forms(report: Report, name: str, case: Case) -> tuple[str, ...]:
     return ("compiled", "c") if report.full and some and name in ("screwing", "desk") else ()
 
 
-def _figures(report: Report, results: list) -> None:
+def _figures(report: Report, results: list, false_turning: int) -> None:
     every_run = [
         (name, case, reports, found)
         for name, case, every, _ in results
@@ -242,7 +330,7 @@ def _figures(report: Report, results: list) -> None:
     }
     report.figure(
         "false_faults",
-        sum(bool(one[3].named) for one in ran if one[1].honest),
+        sum(bool(one[3].named) for one in ran if one[1].honest) + false_turning,
         "; ".join(sorted(wrong))[:200],
     )
     honest = [one for one in heard if one[1].honest]

@@ -18,6 +18,8 @@ _LARGEST: Final = {
     "pose_noise": (0.1, "m"),
     "pose_noise_deg": (10.0, "deg"),
     "longest_hold": (1.0, "s"),
+    "pose_from_posture": (1.0, "m"),
+    "pose_from_posture_deg": (90.0, "deg"),
 }
 """Largest value of each entry, with its unit."""
 
@@ -44,6 +46,11 @@ class DeclaredRobot:
         longest_hold: how long the robot may go on with a twist because the next call is late [s].
             This may happen once per movement, until the object has stood still. It needs a
             measured pose.
+        pose_from_posture: largest error, along each axis, of a first pose that is taken from the
+            posture because none is measured [m]. The default is that of sensors that are 4 degrees
+            off at trunk and shoulder, for a person of known lengths (2 degrees: 17 mm). It counts
+            until a pose is measured.
+        pose_from_posture_deg: the same for the orientation [deg]; the default is twice 4 degrees.
 
     Raises:
         ProblemError: if a value has the wrong type or is out of range.
@@ -64,6 +71,8 @@ class DeclaredRobot:
     pose_noise: float = 0.0
     pose_noise_deg: float = 0.0
     longest_hold: float = 0.0
+    pose_from_posture: float = 0.035
+    pose_from_posture_deg: float = 8.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -93,5 +102,5 @@ class DeclaredRobot:
 
     @property
     def declared(self) -> bool:
-        """Whether anything is declared."""
-        return any(getattr(self, entry.name) for entry in fields(self))
+        """Whether anything of the robot itself is declared."""
+        return any(getattr(self, entry.name) for entry in fields(self) if entry.default == 0)

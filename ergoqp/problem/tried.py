@@ -184,7 +184,7 @@ class _Cost:
                 a, b = shares[part], shares[part + 1]
                 at_a, at_b = points[part], points[part + 1]
                 for _ in range(_HALVINGS):
-                    middle = (a + b) / 2
+                    middle = float(a + b) / 2
                     here = self._on(begin, way, middle)
                     if abs(here[what] - at_a[what]) > abs(at_b[what] - here[what]):
                         b, at_b = middle, here

@@ -301,6 +301,8 @@ class RobotTable(Table):
     pose_noise: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     pose_noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
     longest_hold: Annotated[float, Field(ge=0, le=1)] = 0.0
+    pose_from_posture: Annotated[float, Field(ge=0, le=1)] = 0.035
+    pose_from_posture_deg: Annotated[float, Field(ge=0, le=90)] = 8.0
 
 
 class FileTable(Table):

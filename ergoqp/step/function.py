@@ -106,7 +106,7 @@ def build_step(
     found = under_way(model, state["history"], raw["dt"], shape)
     known = read_inputs(model, state | raw, found, shape)
     watched = watch(model, known, shape)
-    known["causes"] = watched.pop("causes")
+    known |= {name: watched.pop(name) for name in ("causes", "astray")}
     known["usable"] = ca.logic_not(is_set(known["causes"]))
     known |= landing(model, found, known, shape)
 
@@ -143,7 +143,7 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
         model, known["history"], found, known["planned"], known["twist"], known["still"]
     )
     after |= {"history": ca.vertcat(*history), "stored": known["pose"], "rest": known["next_rest"]}
-    after |= {"started": known["next_started"], "account": known["next_account"]}
+    after["started"] = known["next_started"]
     if model.problem.robot.owes:
         seen = ca.logic_or(known["measured"], ca.logic_not(is_set(known["started"])))
         ends = ca.horzcat(found.up, found.down)

@@ -16,7 +16,6 @@ from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.model import StepModel
-from ergoqp.step.robot_watch.watch import reckoned
 from ergoqp.step.under_way.motion import UnderWay
 
 INPUTS: Final = (
@@ -50,6 +49,7 @@ OUTPUTS: Final = (
     "locked",
     "outside",
     "residuals",
+    "astray",
     "amiss",
 )
 
@@ -72,8 +72,7 @@ def read_inputs(
         known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
         ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
         ``told``; whether the object has to ``stop``; ``causes`` why the step can only brake, by
-        `Cause`; the ``next_account`` of `ergoqp.step.robot_watch.watch.reckoned`; and everything
-        else that was given.
+        `Cause`; and everything else that was given.
     """
     seen = is_set(given["observed"])
     usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)
@@ -106,10 +105,6 @@ _KEPT: Final = (
     "dt_ok",
     "posture_ok",
     "fits",
-    "parked",
-    "idled",
-    "said",
-    "account",
 )
 
 
@@ -128,12 +123,8 @@ def _read_function(model: StepModel) -> ca.Function:
     age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
-    reported = {
-        "executed": ca.if_else(told, raw["executed"], 0),
-        "told": told,
-        "measured": measured,
-    }
-    moved, account = reckoned(problem.robot, raw | reported)
+    # What was sent is integrated, and never the noisy report: see `ergoqp.step.robot_watch.watch`.
+    moved = raw["sent"] * raw["lasted"] + raw["changed"]
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
     disabled = ca.logic_not(is_set(raw["enable"]))
@@ -154,7 +145,6 @@ def _read_function(model: StepModel) -> ca.Function:
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
     outputs = {
         "moved": moved,
-        "next_account": account,
         "next_started": ca.logic_or(started, anchors),
         "measured": measured,
         "told": told,

@@ -19,7 +19,7 @@ from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.packing import Sizes, count
 from ergoqp.step.program.bounds import limit_values, movable_rows
 from ergoqp.step.rest import STATES
-from ergoqp.step.robot_watch.memory import watch_blocks
+from ergoqp.step.robot_watch.memory import ASTRAY, watch_blocks
 from ergoqp.step.under_way.history import History
 from ergoqp.step.under_way.parts import WayLayout
 
@@ -84,8 +84,8 @@ class StepModel:
         sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
         sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
         sizes |= dict.fromkeys(("executed", "previous", "sent", "begun", "xi", "wanted"), (6, 1))
-        sizes |= dict.fromkeys(("brake", "share", "went", "changed"), (6, 1))
-        sizes |= {"next_rest": (STATES, 1)}
+        sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed", "excess"), (6, 1))
+        sizes |= {"next_rest": (STATES, 1), "astray": (ASTRAY, 1)}
         sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
         sizes |= dict.fromkeys(("now", "ahead", "outside"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}

@@ -16,6 +16,12 @@ def count(sizes: Sizes) -> int:
     return sum(rows * columns for rows, columns in sizes.values())
 
 
+def place_in(sizes: Sizes, name: str) -> int:
+    """Return where a part begins in the vector of all parts."""
+    before = list(sizes)[: list(sizes).index(name)]
+    return count({part: sizes[part] for part in before})
+
+
 def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
     """Return the parts of a vector by name, each in its shape."""
     parts, start = {}, 0

@@ -23,7 +23,7 @@ from ergoqp.step.function import build_step, step_function
 from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count
+from ergoqp.step.packing import place_in
 from ergoqp.step.rest import STATES, stalled
 from ergoqp.step.spare import callers, guarded
 from ergoqp.step.state import initial_state
@@ -104,7 +104,10 @@ class Stepper:
         sent_at = 6 * self._model.history.planned
         self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
         parts = self._model.state
-        self._rest_at = count({name: parts[name] for name in ("history", "stored", "started")})
+        self._latched_at = place_in(parts, "compared") + place_in(
+            self._model.blocks["compared"], "latched"
+        )
+        self._rest_at = place_in(parts, "rest")
         self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
         self._notes: dict[str, str] = {}
         if slow := slowest(self.problem.own_times, self.dt):
@@ -162,8 +165,14 @@ class Stepper:
         self._held = True
 
     def try_again(self) -> None:
-        """Allow motion again after `hold`, and try the guide again, if there is one."""
+        """Allow motion again, and try the guide again, if there is one.
+
+        It ends `hold`, and the rest after a fault of the robot that no measured pose ended. The
+        object may then be anywhere between what was sent and what was reported since a pose was
+        measured, and the limits count both.
+        """
         self._held = False
+        self._state_in[self._latched_at] = 0.0
         if self._guided:
             self._state_in[-TRIAL:] = 0.0
 

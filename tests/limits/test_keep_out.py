@@ -208,7 +208,7 @@ def test_the_half_space_is_that_of_where_the_object_is_and_not_where_it_lands() 
     comfort = problem.response.comfort  # type: ignore[attr-defined]
     pose = np.array(problem.response.contact()(comfort)[0])
     total = np.array([0.03, -0.02, 0.04, 0.0, 0.1, 0.0])
-    landed, rows = (np.array(part) for part in _hard_rows(model)(pose, total))
+    landed, rows, _ = (np.array(part) for part in _hard_rows(model)(pose, total, np.zeros(7)))
     np.testing.assert_allclose(landed[:3, 3], pose[:3, 3] + total[:3])
     away = pose[:3, 3] - half_way()
     row = rows[model.under_way.names.index("keep out")]

@@ -3,7 +3,6 @@ for."""
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 from step_samples import (
@@ -17,13 +16,13 @@ from step_samples import (
     small,
 )
 
-from ergoqp.joints import LOWER, UPPER
+from ergoqp.joints import INDEX, LOWER, UPPER
+from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.packing import count
-from ergoqp.step.robot_watch.memory import watch_blocks
-from ergoqp.step.robot_watch.watch import reckoned
 from ergoqp.step.stepper import Stepper
+
+WAITS = "at rest after a fault of the robot, until a pose is measured or try_again() is called"
 
 
 @pytest.mark.parametrize("kind", [RobotKind(delay=0.02), RobotKind(lag=0.02)], ids=["delay", "lag"])
@@ -38,35 +37,191 @@ def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: Robo
             q = np.clip(comfort_of("screwing") + 0.6 * rng.normal(size=32), LOWER, UPPER)
         step = stepper.step(q, None if number else mover.measured_pose(), mover.reported_twist())
         named += "robot:" in step.reason
+        if step.reason == WAITS:
+            stepper.try_again()
         for pose in mover.execute(step.twist, 0.01):
             nearest = max(nearest, outside(problem, pose))
     assert nearest <= 5e-4
     # It is late, and that is not declared; it came near its walls all the same.
     assert named > 300
-    assert nearest > -0.003
+    assert nearest > -0.01
 
 
 @pytest.mark.parametrize("share", [2.0, -0.5, 0.3, None])
-def test_nothing_that_is_reported_leads_further_than_what_was_sent(share: float | None) -> None:
+def test_nothing_that_is_reported_leads_anywhere_else_than_what_was_sent(
+    share: float | None,
+) -> None:
     stepper, q = (
         Stepper(problem_of("screwing")),
         near_comfort("screwing", np.random.default_rng(5), 20),
     )
-    rng, begin, most = np.random.default_rng(0), held_pose("screwing"), np.zeros((2, 3))
-    step = stepper.step(q, begin)
-    for number in range(200):
-        sent = 0.01 * step.twist[:3]
-        most += np.maximum([sent, -sent], 0)
+    rng, expected, path = np.random.default_rng(0), held_pose("screwing"), 0.0
+    step = stepper.step(q, expected)
+    for number in range(400):
+        expected = moved(expected, 0.01 * step.twist)
+        path += float(np.linalg.norm(0.01 * step.twist[:3]))
         told = (
             (rng.normal(size=6) if number > 60 else step.twist)
             if share is None
             else share * step.twist
         )
         step = stepper.step(q, twist=told)
-        gone = step.pose[:3, 3] - begin[:3, 3]
-        assert (gone <= most[0] + 1e-12).all(), number
-        assert (gone >= -most[1] - 1e-12).all(), number
-    assert most.max() > 0.004
+        np.testing.assert_allclose(step.pose, expected, atol=1e-9)
+        if step.reason == WAITS:
+            stepper.try_again()
+    assert path > 0.004
+
+
+def lies(kind: str, mover: SimulatedRobot, rng: np.random.Generator) -> np.ndarray:
+    """A twist that a robot reports wrongly, though it does what it is sent."""
+    twist, turn = mover.velocity, mover.pose[:3, :3].T
+    return {
+        "in the tool's frame": np.concatenate([turn @ twist[:3], turn @ twist[3:]]),
+        "half": 0.5 * twist,
+        "lost samples": twist * (rng.random() < 0.5),
+        "a bias": twist - [0.002, 0, 0, 0, 0, 0],
+        "in steps": np.floor(twist / 0.05) * 0.05,
+    }[kind]
+
+
+LIES = ("in the tool's frame", "half", "lost samples", "a bias", "in steps")
+
+
+@pytest.mark.parametrize("acknowledged", [False, True])
+@pytest.mark.parametrize("lie", LIES)
+def test_a_wrong_twist_never_leads_an_ideal_robot_out(lie: str, acknowledged: bool) -> None:
+    """It was believed once it was found wrong: one that loses half of its samples led the object
+    0.54 m out of its workspace within a minute."""
+    problem = small("screwing", DeclaredRobot(), None)
+    stepper, rng, nearest, waited = Stepper(problem), np.random.default_rng(4), -1.0, 0
+    begin = moved(held_pose("screwing"), np.array([0.025, 0.025, -0.025, 0.0, 0.0, 0.09]))
+    mover = SimulatedRobot(RobotKind(), begin, rng)
+    for number in range(1500):
+        if number % 60 == 0:
+            q = np.clip(comfort_of("screwing") + 0.6 * rng.normal(size=32), LOWER, UPPER)
+        given = {} if number else {"pose": mover.measured_pose()}
+        step = stepper.step(q, twist=lies(lie, mover, rng), **given)
+        waited += step.reason == WAITS
+        if acknowledged and number % 200 == 199:
+            stepper.try_again()
+        for pose in mover.execute(step.twist, 0.01):
+            nearest = max(nearest, outside(problem, pose))
+    assert nearest <= 1e-6
+    assert waited > 100
+
+
+@pytest.mark.parametrize("how", ["pose", "try_again", "reset"])
+def test_after_a_fault_without_a_pose_the_object_rests_until_somebody_says_where_it_is(
+    how: str,
+) -> None:
+    problem, q = bold_of("screwing"), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, mover = (
+        Stepper(problem),
+        SimulatedRobot(RobotKind(), held_pose("screwing"), np.random.default_rng(0)),
+    )
+    reasons = []
+    for number in range(400):
+        given = {} if number else {"pose": mover.measured_pose()}
+        step = stepper.step(q, twist=0.5 * mover.velocity, **given)
+        reasons.append(step.reason)
+        list(mover.execute(step.twist, 0.01))
+    begin = reasons.index(WAITS)
+    assert any(reason.startswith("robot:") for reason in reasons[:begin])
+    # One sentence, and it stays.
+    assert set(reasons[begin:]) == {WAITS}
+    assert step.status == "braking"
+    assert not step.twist.any()
+    assert step.account("astray")[:6].max() > 1e-3
+    if how == "try_again":
+        stepper.try_again()
+    if how == "reset":
+        stepper.reset()
+    given = {"pose": mover.measured_pose()} if how != "try_again" else {}
+    steps = [stepper.step(q, **given, twist=mover.velocity)]
+    for _ in range(20):
+        list(mover.execute(steps[-1].twist, 0.01))
+        steps.append(stepper.step(q, twist=mover.velocity))
+    assert steps[-1].twist.any()
+    assert steps[-1].status != "braking"
+    # Where no pose was measured, both ways count; where one was, nothing is doubted any more.
+    assert bool(steps[-1].account("astray").any()) == (how == "try_again")
+
+
+def test_a_fault_while_the_pose_is_measured_starts_again_by_itself() -> None:
+    problem, q = bold_of("screwing"), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, mover, reasons = (
+        Stepper(problem),
+        SimulatedRobot(RobotKind(), held_pose("screwing"), np.random.default_rng(0)),
+        [],
+    )
+    for _ in range(300):
+        step = stepper.step(q, mover.measured_pose(), 0.5 * mover.velocity)
+        reasons.append(step.reason)
+        list(mover.execute(step.twist, 0.01))
+    assert sum("robot:" in reason for reason in reasons) > 50
+    assert WAITS not in reasons
+    assert "" in reasons[100:]
+
+
+def test_what_was_sent_and_what_was_told_are_as_far_apart_as_plain_arithmetic_says() -> None:
+    problem, rng = bold_of("screwing"), np.random.default_rng(6)
+    q = near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper = Stepper(problem)
+    sent = told_at = held_pose("screwing")
+    farthest, named = np.zeros(7), 0
+    step = stepper.step(q, sent)
+    for number in range(300):
+        told = step.twist * 0.4 + 0.05 * rng.normal(size=6) * (number % 7 == 0)
+        told_at, sent = moved(told_at, 0.01 * told), moved(sent, 0.01 * step.twist)
+        apart = told_at[:3, 3] - sent[:3, 3]
+        angle = np.arccos(np.clip((np.trace(told_at[:3, :3].T @ sent[:3, :3]) - 1) / 2, -1, 1))
+        farthest = np.maximum(farthest, [*np.maximum(apart, 0), *np.maximum(-apart, 0), angle])
+        # In between some periods without a report, in which both move alike.
+        step = stepper.step(q, twist=told)
+        if number % 11 == 10:
+            told_at, sent = moved(told_at, 0.01 * step.twist), moved(sent, 0.01 * step.twist)
+            step = stepper.step(q)
+        named += "robot" in step.reason
+        if named:
+            np.testing.assert_allclose(step.account("astray"), farthest, atol=1e-6)
+        else:
+            assert not step.account("astray").any()
+        if step.reason == WAITS:
+            stepper.try_again()
+    assert named > 50
+    # On nearly all axes, in both directions.
+    assert np.sum(farthest > 1e-4) >= 6
+
+
+@pytest.mark.parametrize("declared", [0.035, 0.0])
+def test_a_first_pose_that_is_taken_from_the_posture_is_as_far_off_as_is_declared(
+    declared: float,
+) -> None:
+    """Sensors that are 4 degrees off put the object 35 mm beside where it is."""
+    problem = bold_of("screwing")
+    problem = problem.replace(
+        robot=DeclaredRobot(
+            pose_from_posture=declared, pose_from_posture_deg=8.0 if declared else 0.0
+        )
+    )
+    q = near_comfort("screwing", np.random.default_rng(5), 10)
+    contact = np.array(problem.response.contact()(q)[0])
+    # The object is 3 cm higher than the posture says.
+    mover = SimulatedRobot(
+        RobotKind(), moved(contact, np.array([0, 0, 0.03, 0, 0, 0])), np.random.default_rng(0)
+    )
+    box = problem.limit_of(WorkspaceBox)
+    upper = (*box.upper[:2], contact[2, 3] + 0.08)
+    limits = [WorkspaceBox(box.lower, upper) if limit is box else limit for limit in problem.limits]
+    stepper, highest = Stepper(problem.replace(limits=limits)), -1.0
+    posture = q.copy()
+    posture[INDEX["right_shoulder_flexion"]] = np.radians(-20.0)
+    for number in range(600):
+        step = stepper.step(q if number == 0 else posture)
+        for pose in mover.execute(step.twist, 0.01):
+            highest = max(highest, pose[2, 3] - upper[2])
+    assert (highest <= 0) == (declared > 0)
+    assert highest > -0.03
 
 
 @pytest.mark.parametrize("at", [40, 60, 80, 100])
@@ -151,28 +306,6 @@ def test_a_hold_that_is_declared_does_not_hide_what_moves_at_rest(hold: float) -
         loop.pose = moved(loop.pose, np.array([0, 1e-4, 0, 0, 0, 0]))
 
 
-def test_what_a_robot_was_short_of_is_forgotten_once_it_is_forgiven() -> None:
-    """Where it stood still it owes nothing later: half a second after it is late no more."""
-    stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(5)
-    q, step = (
-        near_comfort("screwing", rng, 30),
-        stepper.step(comfort_of("screwing"), held_pose("screwing")),
-    )
-    blamed = [False]
-    while not (blamed[-1] is False and any(blamed)):
-        step = stepper.step(q, twist=np.zeros(6))
-        blamed.append("robot:" in step.reason)
-    begin, most = step.pose, np.zeros((2, 3))
-    for number in range(150):
-        sent = 0.01 * step.twist[:3]
-        most += np.maximum([sent, -sent], 0)
-        step = stepper.step(q, twist=3.0 * step.twist)
-        gone = step.pose[:3, 3] - begin[:3, 3]
-        assert (gone <= most[0] + 1e-12).all(), number
-        assert (gone >= -most[1] - 1e-12).all(), number
-    assert most.max() > 0.004
-
-
 def test_what_is_reported_after_a_take_over_leads_no_further_than_what_was_sent() -> None:
     """How long it had moved before was counted as its motion: a report could lead 88 m away."""
     stepper, q = (
@@ -182,20 +315,17 @@ def test_what_is_reported_after_a_take_over_leads_no_further_than_what_was_sent(
     twist = np.array([0.1, -0.1, 0.05, 0.0, 0.0, 0.0])
     stepper.reset(twist)
     step = stepper.step(q, twist=0.3 * twist)
-    begin, most = step.pose, np.zeros((2, 3))
+    begin, expected = step.pose, step.pose
     for number in range(150):
-        sent = 0.01 * step.twist[:3]
-        most += np.maximum([sent, -sent], 0)
+        expected = moved(expected, 0.01 * step.twist)
         step = stepper.step(
             q,
             twist=(
                 step.twist if number < 10 else np.full(6, -20.0) if number % 2 else np.full(6, 20.0)
             ),
         )
-        gone = step.pose[:3, 3] - begin[:3, 3]
-        assert (gone <= most[0] + 1e-12).all(), number
-        assert (gone >= -most[1] - 1e-12).all(), number
-    assert most.max() > 0.004
+        np.testing.assert_allclose(step.pose, expected, atol=1e-9)
+    assert np.linalg.norm(expected[:3, 3] - begin[:3, 3]) > 0.004
 
 
 def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
@@ -208,72 +338,3 @@ def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
         "robot"
         not in stepper.step(comfort_of("screwing"), held_pose("screwing"), twist=np.zeros(6)).reason
     )
-
-
-def test_the_account_of_what_was_reported_is_that_of_the_law_in_plain_words() -> None:
-    problem = problem_of("screwing")
-    blocks = watch_blocks(problem)
-    names = (
-        "sent",
-        "changed",
-        "executed",
-        "lasted",
-        "told",
-        "measured",
-        "started",
-        "parked",
-        "idled",
-    )
-    given = {name: ca.SX.sym(name, 6 if name in names[:3] else 1) for name in names}
-    given |= {name: ca.SX.sym(name, count(blocks[name])) for name in ("account", "said")}
-    law = ca.Function(
-        "law",
-        list(given.values()),
-        list(reckoned(problem.robot, given)),
-        list(given),
-        ["moved", "next_account"],
-    )
-    rng = np.random.default_rng(2)
-    short, ahead = np.zeros((6, 2)), np.zeros(6)
-    taken_back = 0
-    for _ in range(400):
-        sent, executed, lasted = 0.1 * rng.normal(size=6), 0.1 * rng.normal(size=6), 0.01
-        # A declared robot that is late has this period done other than it was sent.
-        changed = 0.0002 * rng.normal(size=6)
-        told, measured, started, parked = (
-            float(rng.random() < share) for share in (0.8, 0.05, 0.95, 0.1)
-        )
-        signs, fault, idled = (
-            rng.choice([0.0, 2.0], 2, p=[0.7, 0.3]),
-            rng.choice([0.0, 2.0], p=[0.7, 0.3]),
-            rng.choice([0.0, 9.0]),
-        )
-        found = law(
-            **dict(
-                zip(
-                    names,
-                    (sent, changed, executed, lasted, told, measured, started, parked, idled),
-                    strict=True,
-                )
-            ),
-            account=np.concatenate([short.ravel(order="F"), ahead]),
-            said=np.concatenate([signs, [fault, 0.0]]),
-        )
-        known = bool(signs[0] or signs[1] or fault)
-        declared = sent * lasted + changed
-        most = short + np.maximum(np.stack([sent, -sent], axis=1), 0) * lasted * started
-        way = executed * lasted if told else declared
-        parts = np.clip(np.stack([way, -way], axis=1), 0, most)
-        done = parts[:, 0] - parts[:, 1]
-        moved = done - ahead if told and known else declared
-        taken_back += bool(told and known and ahead.any())
-        np.testing.assert_allclose(np.array(found["moved"]).ravel(), moved, atol=1e-15)
-        forgotten = idled > 0 or (parked and not known)
-        ahead = np.zeros(6) if forgotten or measured or not started else ahead + moved - done
-        short = np.zeros((6, 2)) if forgotten else most - parts
-        np.testing.assert_allclose(
-            np.array(found["next_account"]).ravel(),
-            np.concatenate([short.ravel(order="F"), ahead]),
-            atol=1e-15,
-        )
-    assert taken_back > 10

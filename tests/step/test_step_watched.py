@@ -390,3 +390,68 @@ def test_noise_is_what_scatters_and_not_what_goes_on_or_changes_steadily() -> No
     # The first sample is a change, and what follows is none.
     for executed, first in ((steady, 0.05), (rising, 1e-4)):
         assert np.all(blur_of(executed)[:, 1] <= (first * 0.01) ** 2 / 3 * 1.001)
+
+
+@pytest.mark.parametrize(("mm", "deg"), [(0.5, 0.0), (0.0, 0.3), (3.0, 1.0)])
+def test_noise_that_is_not_declared_has_one_sentence_with_what_to_declare(
+    mm: float, deg: float
+) -> None:
+    """Half a millimetre stopped the object for ever, with another text at every other step."""
+    stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(0)
+    kind = RobotKind(pose_noise=1e-3 * mm, pose_noise_deg=deg)
+    mover, q = SimulatedRobot(kind, held_pose("screwing"), rng), near_comfort("screwing", rng, 20)
+    reasons = []
+    for _ in range(600):
+        step = stepper.step(q, mover.measured_pose())
+        reasons.append(step.reason)
+        list(mover.execute(step.twist, 0.01))
+    [reason] = set(reasons[100:])
+    assert reason.startswith("robot: the measured ")
+    assert len(set(reasons)) <= 4
+    # What it names is enough, and no more than five times the noise.
+    name, value = reason.split("[robot] ")[1].split(" = ")
+    true = {"pose_noise": 1e-3 * mm, "pose_noise_deg": deg}[name]
+    assert true <= float(value) <= 5 * true
+    declared = {"pose_noise": 2e-3 * mm, "pose_noise_deg": 2 * deg} | {name: float(value)}
+    stepper = Stepper(bold_of("screwing").replace(robot=DeclaredRobot(**declared)))
+    mover = SimulatedRobot(kind, held_pose("screwing"), rng)
+    for _ in range(300):
+        step = stepper.step(q, mover.measured_pose())
+        assert "robot:" not in step.reason
+        list(mover.execute(step.twist, 0.01))
+
+
+def test_a_push_at_rest_is_no_noise_even_where_the_pose_has_some() -> None:
+    stepper, rng = Stepper(problem_of("screwing")), np.random.default_rng(0)
+    q, pose = comfort_of("screwing"), held_pose("screwing")
+    for _ in range(200):
+        step = stepper.step(q, moved(pose, np.r_[rng.uniform(-2e-4, 2e-4, 3), 0, 0, 0]))
+    assert not step.twist.any()
+    reasons = []
+    for number in range(100):
+        pose = moved(pose, np.array([0.0, 2e-4 * (number < 50), 0, 0, 0, 0]))
+        noisy = moved(pose, np.r_[rng.uniform(-2e-4, 2e-4, 3), 0, 0, 0])
+        reasons.append(stepper.step(q, noisy).reason)
+    assert any(UNASKED in reason for reason in reasons)
+    assert not any("scatters" in reason for reason in reasons)
+
+
+def test_the_name_of_a_fault_stays() -> None:
+    """A soft robot had hundreds of texts in one loop."""
+    stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(0)
+    q, mover = (
+        near_comfort("screwing", rng, 20),
+        SimulatedRobot(RobotKind(lag=0.1, gain=0.9), held_pose("screwing"), rng),
+    )
+    reasons = []
+    for _ in range(400):
+        step = stepper.step(q, mover.measured_pose())
+        reasons.append(step.reason)
+        list(mover.execute(step.twist, 0.01))
+    named = [reason for reason in reasons if reason.startswith("robot:")]
+    episodes = sum(
+        now.startswith("robot:") and not before.startswith("robot:")
+        for before, now in zip(["", *reasons], reasons, strict=False)
+    )
+    assert len(named) > 100
+    assert len(set(named)) <= 2 * episodes

@@ -174,7 +174,11 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     counted = ca.Function(
         "counted",
         [*symbols, past],
-        list(landing(StepModel(problem), found, {"pose": symbols[0]}).values()),
+        list(
+            landing(
+                StepModel(problem), found, {"pose": symbols[0], "astray": NOWHERE_ELSE}
+            ).values()
+        ),
     )
     planned = ca.Function("planned", [past, symbols[1]], [found.begun, found.own])
     history = np.concatenate(
@@ -212,6 +216,10 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
 
 
+NOWHERE_ELSE = ca.MX(ca.DM.zeros(7))
+"""An object that is where it is measured."""
+
+
 def initial(problem: Problem) -> np.ndarray:
     """The history of an object that stands still, as one vector."""
     parts = initial_history(StepModel(problem).history, np.zeros(6))
@@ -221,7 +229,7 @@ def initial(problem: Problem) -> np.ndarray:
 def lands(problem: Problem, history: np.ndarray, unsure: np.ndarray | None = None) -> Way:
     """What is under way, for limits, of an object at a pose of no consequence."""
     past, dt = ca.MX.sym("history", history.size), ca.MX.sym("dt")
-    known, model = {"pose": ca.MX(ca.DM.eye(4))}, StepModel(problem)
+    known, model = {"pose": ca.MX(ca.DM.eye(4)), "astray": NOWHERE_ELSE}, StepModel(problem)
     if unsure is not None:
         known["doubt"] = ca.MX(ca.DM(unsure))
     counted = landing(model, under_way(model, past, dt), known)["way"]

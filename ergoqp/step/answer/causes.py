@@ -41,4 +41,5 @@ class Cause(IntEnum):
     asked = 13
     long_period = 14
     short_periods = 15
-    term = 16
+    latched = 16
+    term = 17

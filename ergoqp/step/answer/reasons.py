@@ -84,12 +84,14 @@ def reason_of(
         if i in outside:
             continue
         if hard[i]:
-            within = margins[i] >= -tolerance[i] - _noise(problem, names[i])
-            why = (
-                "within the declared noise of the pose"
-                if within
-                else "and the object cannot move it"
-            )
+            beside, noise = -margins[i] - tolerance[i], _noise(problem, names[i])
+            astray = account("astray")[6 if limits[i].unit == "rad" else slice(0, 6)].max()
+            if beside <= noise:
+                why = "within the declared noise of the pose"
+            elif beside <= noise + astray:
+                why = "within what is not known of the pose"
+            else:
+                why = "and the object cannot move it"
         elif returns[i]:
             why = "and did not come back in twice the time that this should take: given up"
         else:
@@ -137,6 +139,9 @@ def _cause(
         Cause.unmeasured: f"no pose, and the robot is declared to {_unmeasured(problem.robot)}",
         Cause.halted: "comes to rest before it moves again",
         Cause.asked: "asked to brake",
+        Cause.latched: (
+            "at rest after a fault of the robot, until a pose is measured or try_again() is called"
+        ),
         Cause.long_period: (
             f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
             "the longest hold of the robot"

@@ -18,6 +18,8 @@ from ergoqp.solvers.solver import FREE
 from ergoqp.step.model import PLACE, StepModel
 from ergoqp.step.program.bounds import no_further, patience, row_bounds, unhurried
 from ergoqp.step.program.objective import cost_function, objective
+from ergoqp.step.robot_watch.memory import ASTRAY
+from ergoqp.step.under_way.landing import off_rows
 
 QP_DATA: Final = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
 """Arguments of `ergoqp.step.program.qp.build_qp`, in its order."""
@@ -40,7 +42,7 @@ def qp_data(problem: Problem) -> ca.Function:
     names = ("posture", "observed", "pose", "previous", "dt", "stalled", "locked", "final")
     given = model.symbols(names, ca.MX)
     known = given | {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(*model.size("way")))}
-    known |= {"asks": ca.MX(1)}
+    known |= {"asks": ca.MX(1), "astray": ca.MX(ca.DM.zeros(ASTRAY))}
     for function in (model.readings, cost_function(model), away_function(model), pass_data(model)):
         known |= by_name(function, known)
     outputs = [*QP_DATA, "S", "E"]
@@ -53,7 +55,7 @@ def movable_names(problem: Problem) -> tuple[str, ...]:
     return tuple(problem.row_names[i] for i in StepModel(problem).movable)
 
 
-AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
+AWAY: Final = ("posture", "observed", "readings", "pose", "asks", "astray")
 """Arguments of `away_function`."""
 
 
@@ -137,21 +139,24 @@ def away_function(model: StepModel) -> ca.Function:
 
     The upper ends come first, then the lower ones.
 
-    It is 0 for rows that do not ask, and for rows within the tolerance or the declared noise of the
-    pose. It uses the present pose, not the landing pose, so it does not depend on S. `asks` is 0
-    when rows of the posture have given up.
+    It is 0 for rows that do not ask, and for rows within the tolerance, the declared noise of the
+    pose, or what is not known of it. It uses the present pose, not the landing pose, so it does not
+    depend on S. `asks` is 0 when rows of the posture have given up.
     """
     problem, known = model.problem, model.symbols(AWAY)
     situation = model.situation(known, model.sparse(ca.SX.ones(*model.size("S"))))
     above, below = [ca.SX(0, 1)], [ca.SX(0, 1)]
     for limit in problem.row_limits:
         rows = limit.rows(situation)
-        allowed = limit.tolerance + (
-            ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise) if limit.hard else 0
-        )
+        upper = lower = ca.SX(limit.tolerance)
+        if limit.hard:
+            noise = ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise)
+            tangents = [getattr(limit, "tangent", False)] * len(limit.names)
+            off = off_rows(ca.SX(rows.matrix), known["astray"], tangents)
+            upper, lower = (limit.tolerance + noise + part for part in off)
         returning = ca.DM(np.broadcast_to(limit.returns, rows.matrix.shape[0]).astype(float))
         asking = returning * (1 if limit.hard else known["asks"]) > 0.5
-        for found, distance in ((above, rows.above), (below, rows.below)):
+        for found, distance, allowed in ((above, rows.above, upper), (below, rows.below, lower)):
             distance = ca.fmin(distance, FREE)
             found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
     away = ca.densify(ca.vertcat(*above, *below))

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set, largest
+from ergoqp.expressions.rigid import turned
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
 from ergoqp.step.packing import joined, split
@@ -39,6 +40,16 @@ _CERTAIN: Final = 6.0
 """The noise of a reported twist is ignored up to this many standard deviations of its sum."""
 
 
+_TAKEN_BACK: Final = 0.25
+"""Share of the changes of a pose at rest from which they count as noise; of noise it is half."""
+
+_CHANGES: Final = 5.0
+"""So many squares of the largest change are needed to tell noise from a jump."""
+
+_SPARE: Final = 1.25
+"""The noise to declare is this many times half the largest change that was seen."""
+
+
 _EARLY: Final = 0.75
 """A difference counts from this share of `UNIT` on, beyond the noise.
 
@@ -57,6 +68,7 @@ def explained_function(model: StepModel) -> ca.Function:
         "started",
         "measured",
         "went",
+        "excess",
         "executed",
         "sent",
         "lasted",
@@ -67,6 +79,9 @@ def explained_function(model: StepModel) -> ca.Function:
         "parked",
         "enable",
         "now_rests",
+        "now_seen",
+        "stored",
+        "pose",
         "story",
         "said",
     )
@@ -87,6 +102,8 @@ def explained_function(model: StepModel) -> ca.Function:
     if robot.owes:
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}
         kept["due"] = ca.horzcat(now["up"], now["down"])
+    led = _led_aside(now)
+    reported, kept = reported | led, kept | led
     told_now = ca.if_else(told, joined(REPORTED, reported), joined(REPORTED, kept))
     named = _named(problem, now, signs[1])
     fault = ca.if_else(faulty, named.pop("fault"), 0)
@@ -153,6 +170,27 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
 
 
+def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """Return how far the reported twist leads from the computed pose since one was measured."""
+    fresh, before, after = now["now_seen"] >= now["since"], now["stored"], now["pose"]
+    told = ca.logic_and(now["told"], ca.logic_and(now["started"], ca.logic_not(now["measured"])))
+    way = now["executed"] * now["lasted"]
+    aside = ca.if_else(fresh, 0, now["aside"]) + told * (way[:3] - now["went"][:3])
+    also = ca.if_else(fresh, ca.SX.eye(3), now["turned_aside"])
+    turned_aside = ca.if_else(told, after[:3, :3].T @ turned(way[3:], before[:3, :3]) @ also, also)
+    # |R - I| = sqrt(8) sin(angle / 2)
+    sine = ca.sqrt(ca.sumsqr(ca.vec(turned_aside - ca.SX.eye(3))) / 8)
+    angle = 2 * ca.asin(ca.fmin(sine, 1))
+    off = ca.vertcat(ca.fmax(aside, 0), ca.fmax(-aside, 0), angle)
+    farthest = ca.fmax(off, ca.if_else(fresh, 0, now["farthest"]))
+    return {
+        "aside": aside,
+        "turned_aside": turned_aside,
+        "farthest": farthest,
+        "since": now["now_seen"] + 1,
+    }
+
+
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
     """Return the name of the fault that fits best to the motion since the fault began."""
     sent, lasted, forget = (
@@ -178,9 +216,49 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     )
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
-    # A sudden fault keeps its name, because a second jump is usually the return of the first.
+    # A sudden fault keeps its name, because a second jump is usually the return of the first. Any
+    # other is estimated twice, when it begins and from its first motion; so its sentence stays.
     sudden = now["fault"][0] >= int(Fault.pose_jumps)
+    since = ca.if_else(is_set(now["fault"][0]), now["named_for"], 0)
+    named_for = since + now["lasted"]
+    again = ca.logic_or(since <= 0, ca.logic_and(since < _MEMORY, named_for >= _MEMORY))
     fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), fault_of(fit, Y, y))
     fault = ca.if_else(jumps, ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn), fault)
-    fault = ca.if_else(sudden, now["fault"], fault)
-    return {"moved": moved, "last": sent, "fit": fit, "fault": fault}
+    fault = ca.if_else(ca.logic_or(sudden, ca.logic_not(again)), now["fault"], fault)
+    worst = ca.fmax(now["excess"], ca.if_else(since > 0, now["worst"], 0))
+    scatter, kept = _scatter(problem, now, worst)
+    fault = ca.if_else(is_set(scatter[0]), scatter, fault)
+    kept |= {"named_for": named_for, "worst": worst}
+    return kept | {"moved": moved, "last": sent, "fit": fit, "fault": fault}
+
+
+def _scatter(
+    problem: Problem, now: Mapping[str, ca.SX], worst: ca.SX
+) -> tuple[ca.SX, dict[str, ca.SX]]:
+    """Return the fault (2,) of a pose that scatters more than is declared, and what is kept of it.
+
+    Scatter is what is taken back from pose to pose while the object stands still. Nothing but the
+    name follows from this estimate: no limit and no tolerance does.
+    """
+    still = ca.logic_and(now["parked"], now["measured"])
+    change = ca.if_else(still, now["went"], 0)
+    halves = [slice(0, 3), slice(3, 6)]
+    back = ca.vertcat(*(-ca.dot(change[half], now["shaken"][half]) for half in halves))
+    squares = now["squares"] + ca.vertcat(*(ca.sumsqr(change[half]) for half in halves))
+    taken_back = now["taken_back"] + back
+    largest_yet = ca.vertcat(*(ca.mmax(ca.fabs(change[half])) for half in halves))
+    widest = ca.fmax(now["widest"], largest_yet)
+    scatters = ca.logic_and(taken_back > _TAKEN_BACK * squares, squares > _CHANGES * widest**2)
+    noise = _SPARE * widest / 2
+    found = ca.SX(2, 1)
+    kinds = (Fault.position_scatters, Fault.orientation_scatters)
+    explained = [
+        largest(worst[half] / ca.fmax(2 * noise[i], 1e-12)) <= 1 for i, half in enumerate(halves)
+    ]
+    small = [ca.sumsqr(worst[half] / ca.DM(UNIT[half])) <= 1 for half in halves]
+    for i, kind in enumerate(kinds):
+        by_this = ca.logic_and(ca.logic_and(scatters[i], explained[i]), ca.logic_not(small[i]))
+        rest = ca.logic_or(small[1 - i], ca.logic_and(scatters[1 - i], explained[1 - i]))
+        found = ca.if_else(ca.logic_and(by_this, rest), ca.vertcat(int(kind), noise[i]), found)
+    kept = {"shaken": change, "taken_back": taken_back, "squares": squares, "widest": widest}
+    return found, kept

@@ -27,6 +27,8 @@ class Fault(IntEnum):
     pose_jumps = 6
     pose_turns = 7
     speed_jumps = 8
+    position_scatters = 9
+    orientation_scatters = 10
 
 
 def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
@@ -55,13 +57,35 @@ def fault_sentence(kind: int, amount: float) -> str:
         return "robot: drifts from what was sent"
     if kind == Fault.factor and amount < 0:
         return f"robot: moves backward, {-amount:.3g} times what was sent"
+    noise = _rounded_up(np.degrees(amount) if kind == Fault.orientation_scatters else amount)
     return {
         Fault.stands_still: "robot: stands still",
-        Fault.factor: f"robot: moves {amount:.3g} times what was sent",
+        Fault.factor: f"robot: moves {amount:.3g} times what was sent{_entry('gain_error')}",
         Fault.another_axis: "robot: moves along another axis",
         Fault.unasked: "robot: moves although nothing was sent",
-        Fault.late: f"robot: late by {1e3 * amount:.0f} ms",
+        Fault.late: f"robot: late by {1e3 * amount:.2g} ms{_entry('delay, lag')}",
         Fault.pose_jumps: f"robot: pose jumps by {1e3 * amount:.3g} mm",
         Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",
         Fault.speed_jumps: "robot: speed jumps",
+        Fault.position_scatters: (
+            f"robot: the measured position scatters by {1e3 * noise:g} mm at rest"
+            f"{_entry(f'pose_noise = {noise:g}')}"
+        ),
+        Fault.orientation_scatters: (
+            f"robot: the measured orientation scatters by {noise:g} deg at rest"
+            f"{_entry(f'pose_noise_deg = {noise:g}')}"
+        ),
     }.get(Fault(kind), "")
+
+
+def _entry(name: str) -> str:
+    return f"; if it always does, declare [robot] {name}"
+
+
+def _rounded_up(amount: float) -> float:
+    """Return the next of 1, 2, 5, 10, 20, ... times a power of ten, so that a sentence stays."""
+    if not 0 < amount < np.inf:
+        return 0.0
+    power = 10.0 ** np.floor(np.log10(amount))
+    step = next(step for step in (1, 2, 5, 10) if step * power >= amount * (1 - 1e-9))
+    return float(f"{step * power:.1g}")

@@ -29,7 +29,7 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.packing import count, joined, split
 from ergoqp.step.robot_watch.explained import explained_function
 from ergoqp.step.robot_watch.memory import (
-    ACCOUNT,
+    ASTRAY,
     COMPARED,
     REPORTED,
     SAID,
@@ -44,6 +44,9 @@ CALM: Final = 0.5
 
 _WIDE: Final = 1e3
 """Larger than any difference [m, rad]."""
+
+_AROUND: Final = 1.4
+"""Where measured and sent turn are this far apart, they are compared anew from there [rad]."""
 
 
 def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[str, ca.MX]:
@@ -83,7 +86,21 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
         "story": story,
         "said": said,
         "causes": found["all_causes"],
+        "astray": _astray(model, found["next_compared"], story),
     }
+
+
+def _astray(model: StepModel, compared: ca.MX, story: ca.MX) -> ca.MX:
+    """Return how far the object may be from its computed pose (7,), see `ASTRAY`.
+
+    After a fault without a measured pose the object may be anywhere between what was sent and what
+    was reported. A pose that was taken from a posture is as far off as is declared.
+    """
+    if not model.problem.moves_pose:
+        return ca.MX(ca.DM.zeros(ASTRAY))
+    now, robot = split(model.blocks["compared"], compared), model.problem.robot
+    first = ca.DM([*[robot.pose_from_posture] * 6, np.radians(robot.pose_from_posture_deg)])
+    return now["doubted"] * split(STORY, story)["farthest"] + now["presumed"] * first
 
 
 def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
@@ -99,54 +116,18 @@ def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
     blocks["compared"]["most"] += _WIDE
     late = model.problem.robot.dead_time + model.problem.robot.lag
     blocks["story"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
-    blocks["account"]["short"] = blocks["story"]["due"]
     return {
         name: np.concatenate([part.ravel(order="F") for part in block.values()])
         for name, block in blocks.items()
     }
 
 
-def reckoned(robot: DeclaredRobot, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Return the motion of the last period (6,), as far as it is known without a measured pose.
-
-    The next account is returned with it.
-
-    The declared motion is integrated, not the noisy reported motion. Once the reported motion has
-    shown a fault, it is integrated instead, but only as far as it was sent, in this period or
-    before: a late robot does later what it has not done yet. What was integrated too much until
-    then is taken back. So a report never leads further than what was sent.
-
-    Args:
-        robot: declared robot.
-        given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed``
-            (6,), ``lasted`` [s], ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and
-            ``idled``, for how long nothing has been sent [s].
-    """
-    now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
-    known = ca.logic_or(
-        ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), is_set(now["fault"][0])
-    )
-    declared = now["sent"] * now["lasted"] + now["changed"]
-    # Before the pose is known, it is unknown for how long the object has moved.
-    sent = (1 + robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
-    most = now["short"] + ca.fmax(ca.horzcat(sent, -sent), 0)
-    way = ca.if_else(now["told"], now["executed"] * now["lasted"], declared)
-    parts = ca.fmin(ca.fmax(ca.horzcat(way, -way), 0), most)
-    done = parts[:, 0] - parts[:, 1]
-    moved = ca.if_else(ca.logic_and(now["told"], known), done - now["ahead"], declared)
-    forgiven = now["idled"] >= CALM + robot.dead_time + 3 * robot.lag
-    over = ca.logic_or(forgiven, ca.logic_and(now["parked"], ca.logic_not(known)))
-    short = ca.if_else(over, 0, most - parts)
-    anew = ca.logic_or(ca.logic_or(over, now["measured"]), ca.logic_not(now["started"]))
-    ahead = ca.if_else(anew, 0, now["ahead"] + moved - done)
-    return moved, joined(ACCOUNT, {"short": short, "ahead": ahead})
-
-
 def _compared(model: StepModel) -> ca.Function:
     """Return the function that compares the poses.
 
-    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests)``: the block, whether
-    there is a fault, the causes, the motion of the pose (6,), and how often it came to rest.
+    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests, now_seen, excess)``: the
+    block, whether there is a fault, the causes, the motion of the pose (6,), how often it came to
+    rest, how often it was measured, and by how much (6,) it differs from what is declared.
 
     An interpreter pays for every scalar here in every step. So everything that is not needed to
     detect a fault is in `ergoqp.step.robot_watch.explained`.
@@ -171,7 +152,7 @@ def _compared(model: StepModel) -> ca.Function:
         "said",
         "causes",
     )
-    given = model.symbols((*names, *(("unsure",) if robot.owes else ())))
+    given = model.symbols((*names, *(("unsure", "owed", "changed") if robot.owes else ())))
     sizes = model.blocks["compared"]
     now = given | split(sizes, given["compared"]) | split(SAID, given["said"])
     parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
@@ -204,32 +185,47 @@ def _compared(model: StepModel) -> ca.Function:
         )
     # At the start of the comparison the pose has its full error; the turn since then is known up to
     # noise.
-    at_begin, sent_to = noise, now["pose"][:3, :3]
+    at_begin, sent, present = noise, ca.SX.eye(3), now["pose"][:3, :3]
     if "turned" in sizes:
-        sent_to = ca.if_else(
-            now["started"], turned(done[3:] + gone[3:], now["turned"]), now["pose"][:3, :3]
-        )
-        apart[3:] = _rotation(sent_to, now["pose"][:3, :3])
-        at_begin = ca.vertcat(noise[:3], 0, 0, 0)
-        # The error of the first pose turns with the object, so it may be along any axis.
-        noise = ca.vertcat(noise[:3], (1 + np.sqrt(3)) * noise[3:])
+        # In the axes of the turn that was sent. An error that is already present turns with the
+        # object: it stays the same in these axes, and would be a fault in those of the world.
+        sent = ca.if_else(now["started"], turned(done[3:] + gone[3:], now["turned"]), ca.SX.eye(3))
+        begun = ca.if_else(now["started"], now["turned_from"], present)
+        apart[3:] = sent.T @ _rotation(sent @ begun, present)
+        # In these axes the error of a pose may be along any axis, but that of the first one.
+        noise = ca.vertcat(noise[:3], np.sqrt(3) * noise[3:])
     below = above = ca.SX(6, 1)
     if robot.owes:
         below, above = below + stretch * now["down"], above + stretch * now["up"]
+    if "turned" in sizes:
+        below[3:], above[3:] = _in_axes(sent, below[3:], above[3:])
+        if robot.owes:
+            block["area"] = now["area"] + sent.T @ _area(now, done)
+            drift = stretch**2 * block["area"]
+            below[3:], above[3:] = below[3:] + ca.fmax(drift, 0), above[3:] + ca.fmax(-drift, 0)
+            block["area"] = ca.if_else(now["started"], block["area"], 0)
     if robot.longest_hold and robot.owes:
+        # Along any axis of a turn: it was somewhere on the way.
         hold = (
             stretch
             * robot.longest_hold
             * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
         )
+        if "turned" in sizes:
+            hold[3:, :] = ca.norm_2(ca.fmax(hold[3:, 0], hold[3:, 1]))
         below, above = below + hold[:, 0], above + hold[:, 1]
     if robot.gain_error:
-        # The error of a shift is along what was sent; that of a turn turns with the object.
-        spread = robot.gain_error * ca.vertcat(ca.fabs(done[:3]), *[ca.norm_2(done[3:])] * 3)
-        least, most = least - spread, most + spread
+        spread = ca.fabs(done)
+        if "turned" in sizes:
+            spread[3:] = _spread(sent.T @ done[3:], apart[3:])
+        else:
+            # The error of a shift is along what was sent; that of a turn turns with the object.
+            spread[3:] = ca.norm_2(done[3:])
+        least, most = least - robot.gain_error * spread, most + robot.gain_error * spread
     unseen = _WIDE * (1 - now["measured"])
     low, high = apart - noise - below - unseen, apart + noise + above + unseen
-    beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0) * ca.DM(1 / UNIT)
+    excess = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0)
+    beyond = excess * ca.DM(1 / UNIT)
     by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
     # The comparison starts again where the object is measured standing still, and after a fault
@@ -239,12 +235,19 @@ def _compared(model: StepModel) -> ca.Function:
         ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found)
     )
     anew = ca.logic_or(begins, ca.logic_not(enabled))
-    least = ca.if_else(anew, -(at_begin + below + unseen), ca.fmax(least, low))
-    most = ca.if_else(anew, at_begin + above + unseen, ca.fmin(most, high))
+    again = anew
+    if "turned" in sizes:
+        # A turn of more than this is no measure of an error any more: it may lead around.
+        around = ca.logic_or(anew, ca.sumsqr(apart[3:]) > _AROUND**2)
+        again = ca.vertcat(*[anew] * 3, *[around] * 3)
+        block["turned"] = ca.if_else(around, ca.SX.eye(3), sent)
+        block["turned_from"] = ca.if_else(around, present, begun)
+        if "area" in sizes:
+            block["area"] = ca.if_else(around, 0, block["area"])
+    least = ca.if_else(again, -(at_begin + below + unseen), ca.fmax(least, low))
+    most = ca.if_else(again, at_begin + above + unseen, ca.fmin(most, high))
     if "slip" in sizes:
         block["slip"] = ca.if_else(anew, 0, slip)
-    if "turned" in sizes:
-        block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
     if robot.longest_hold and robot.owes:
         # A hold before the object came to rest counts in this comparison, but not in the next.
         block["held"] = ca.fmax(now["held"] * (1 - begins), ca.horzcat(now["sent"], -now["sent"]))
@@ -252,18 +255,25 @@ def _compared(model: StepModel) -> ca.Function:
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
     faulty = ca.logic_or(found, ca.logic_and(is_set(now["fault"][0]), ca.logic_not(over)))
-    halted = ca.logic_or(
-        ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked))
-    )
+    # Without a measured pose nobody knows where a robot is that did something else. What it reports
+    # is no ground to move again on.
+    unseen_now = ca.logic_not(now["measured"]) if model.problem.moves_pose else ca.SX(0)
+    latched = ca.logic_and(unseen_now, ca.logic_or(found, now["latched"]))
+    doubted = ca.logic_and(unseen_now, ca.logic_or(found, now["doubted"]))
+    presumed = ca.logic_and(unseen_now, ca.logic_or(ca.logic_not(now["started"]), now["presumed"]))
+    stops = ca.logic_or(ca.logic_or(faulty, latched), now["stop"])
+    halted = ca.logic_or(stops, ca.logic_and(now["halted"], ca.logic_not(parked)))
     rests = now["rests"] + ca.logic_or(comes_to_rest, ca.logic_not(enabled))
     begun = ca.logic_and(parked, ca.logic_or(now["begun"], begins))
-    block |= dict(
-        zip(COMPARED, (apart * (1 - anew), least, most, calm, halted, rests, begun), strict=True)
-    )
-    resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
+    seen = now["seen"] + now["measured"]
+    kept = (apart * (1 - again), least, most, calm, halted, rests, begun)
+    block |= dict(zip(COMPARED, (*kept, seen, latched, doubted, presumed), strict=True))
+    resting = ca.logic_and(halted, ca.logic_not(stops))
+    waiting = ca.logic_and(latched, ca.logic_not(faulty))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
-    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
-    named = ["next_compared", "faulty", "all_causes", "went", "now_rests"]
+    causes += 2.0**Cause.latched * waiting
+    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests, seen, excess]))
+    named = ["next_compared", "faulty", "all_causes", "went", "now_rests", "now_seen", "excess"]
     return ca.Function("compared_poses", list(given.values()), outputs, list(given), named)
 
 
@@ -282,6 +292,32 @@ def _rotation(before: ca.SX, after: ca.SX) -> ca.SX:
     # Half a turn has a sine of zero but is large.
     over = ca.if_else(trace < 1, 1.0, 0.0)
     return ca.vertcat(turn[0] + ca.if_else(turn[0] < 0, -over, over), turn[1:])
+
+
+def _in_axes(axes: ca.SX, below: ca.SX, above: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the ends of an interval (3,) around zero, seen in other axes."""
+    middle, half = axes.T @ (above - below) / 2, ca.fabs(axes.T) @ (above + below) / 2
+    return half - middle, half + middle
+
+
+def _area(now: Mapping[str, ca.SX], done: ca.SX) -> ca.SX:
+    """Return by how much (3,) [rad] the turn that a late robot makes differs in this period.
+
+    Turns do not commute. With what it still owes, it ends beside what was sent, by half the cross
+    products of the two: the area between the two ways.
+    """
+    owed = now["owed"][3:]
+    before, did = owed + now["changed"][3:], done[3:] + now["started"] * now["changed"][3:]
+    return (ca.cross(owed, did) + ca.cross(before, done[3:])) / 2
+
+
+def _spread(turn: ca.SX, apart: ca.SX) -> ca.SX:
+    """Return the most that a turn (3,) adds per axis to one that is present, of up to 1.5 rad.
+
+    It is the inverse of the left Jacobian of the rotations, with the size of each of its terms.
+    """
+    aside = ca.cross(apart, turn)
+    return ca.fabs(turn) + ca.fabs(aside) / 2 + ca.fabs(ca.cross(apart, aside)) / 11
 
 
 def _held(robot: DeclaredRobot, leap: ca.SX, reach: ca.SX) -> ca.SX:

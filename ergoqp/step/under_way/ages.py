@@ -91,7 +91,8 @@ def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
 def _holds_all(model: StepModel, ages: ca.SX, dt: ca.SX) -> ca.SX:
     history, problem = model.history, model.problem
     needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
-    found = ca.SX(1)
+    # A mean over a history that was too short a period ago has its jerk in this period.
+    found = ages[history.planned - 2] >= problem.average if problem.average else ca.SX(1)
     for last, seconds in needed:
         if seconds:
             found = ca.logic_and(found, ages[last] + dt >= seconds)

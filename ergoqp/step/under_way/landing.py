@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import casadi as ca
@@ -13,6 +13,7 @@ from ergoqp.expressions.linear import Shape, by_name, vectors
 from ergoqp.expressions.rigid import shifted
 from ergoqp.limits import Situation
 from ergoqp.step.model import StepModel
+from ergoqp.step.robot_watch.memory import ASTRAY
 from ergoqp.step.under_way.motion import UnderWay
 
 
@@ -27,9 +28,10 @@ def landing(
     Args:
         model: model of the step.
         found: the motion under way.
-        known: ``pose`` as measured, or as far as it is known (4, 4). If the declared robot may be
-            late also ``doubt``: how far the object may be behind this pose, along each axis and
-            against it (6, 2) [m, rad].
+        known: ``pose`` as measured, or as far as it is known (4, 4), and ``astray``: how far the
+            object may be from it, see `ergoqp.step.robot_watch.memory.ASTRAY`. If the declared
+            robot may be late also ``doubt``: how far the object may be behind this pose, along each
+            axis and against it (6, 2) [m, rad].
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
     if not model.under_way.count:
@@ -37,6 +39,7 @@ def landing(
     given = {name: part for name, part in found.parts.items() if name in _PARTS}
     if "doubt" in known:
         given["doubt"] = known["doubt"]
+    given["astray"] = known["astray"]
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     outputs = _counted(model, at, symbols)
@@ -50,7 +53,7 @@ _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn
 
 def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
     problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
-    landed, rows = _hard_rows(model)(pose, found["total"])
+    landed, rows, off = _hard_rows(model)(pose, found["total"], found["astray"])
     done = rows @ found["twists"]
     # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)
@@ -100,7 +103,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         astray = np.linalg.norm(robot.noise[:3]) * np.array(parts_of.tangents, float)
         aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
         below, above = below + aside, above + aside
-    parts = [found["total"], below, above]
+    parts = [found["total"], below + off[many:], above + off[:many]]
     # The error of a measured turn counts like a turn that may be done already or not.
     turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
     if "doubt" in found:
@@ -120,6 +123,30 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
             )
         parts += [below + held[many:], above + held[:many], turn + turned]
     return [landed, ca.densify(ca.vertcat(*parts))]
+
+
+def off_rows(rows: ca.SX, astray: ca.SX, tangents: Sequence[bool]) -> tuple[ca.SX, ca.SX]:
+    """Return how much nearer to the ends (upper, lower) of rows (m, 6) an object may be.
+
+    An object that is turned by an angle, and turns on as commanded, keeps this angle to the
+    computed one. So no row of its orientation changes by more. The direction of a row that touches
+    a region follows from the computed position, and its distance changes by at most the way to the
+    true one.
+
+    Args:
+        rows: rows at the computed pose.
+        astray: how far the object may be from there, see `ergoqp.step.robot_watch.memory.ASTRAY`.
+        tangents: whether the direction of each row depends on the position.
+    """
+    along, against, angle = astray[:3], astray[3:6], astray[6]
+    farthest = ca.norm_2(ca.fmax(along, against))
+    upper, lower = [], []
+    for row, tangent in zip(ca.vertsplit(rows), tangents, strict=True):
+        turn = angle * ca.norm_2(row[3:]) if row[3:].nnz() else 0
+        ahead, back = ca.fmax(row[:3], 0), ca.fmax(-row[:3], 0)
+        for ends, one, other in ((upper, along, against), (lower, against, along)):
+            ends.append(turn + (farthest if tangent else ahead @ one + back @ other))
+    return ca.vertcat(*upper), ca.vertcat(*lower)
 
 
 def _along(rows: ca.MX, ways: ca.MX) -> ca.MX:
@@ -142,7 +169,12 @@ def _most(values: ca.MX) -> ca.MX:
 
 
 def _hard_rows(model: StepModel) -> ca.Function:
-    """``(pose, displacement under way (6,)) -> (landed, matrices (h, 6) of hard rows there)``."""
+    """Return the hard rows where the object lands.
+
+    Returns:
+        Function ``(pose, displacement under way (6,), astray) -> (landed, matrices (h, 6), distance
+        (2 h,) that cannot be counted on, to the upper ends and then to the lower ones)``.
+    """
     n, problem = len(model.problem.coordinates), model.problem
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
@@ -166,4 +198,7 @@ def _hard_rows(model: StepModel) -> ca.Function:
             f"limits: got a hard row among {names} that follows the posture, allowed rows of the"
             " object only"
         )
-    return ca.Function("hard_rows", [pose, total], [ca.densify(landed), rows])
+    astray = ca.SX.sym("astray", ASTRAY)
+    lost = ca.vertcat(*off_rows(rows, astray, model.under_way.tangents))
+    inputs = [pose, total, astray]
+    return ca.Function("hard_rows", inputs, [ca.densify(landed), rows, ca.densify(lost)])

@@ -60,8 +60,8 @@ class WayLayout:
     def of(cls, problem: Problem) -> WayLayout:
         """Return the parts of a problem."""
         robot, hard = problem.robot, tuple(limit for limit in problem.row_limits if limit.hard)
-        uncounted = problem.average or robot.owes or robot.noise.any() or robot.longest_hold
-        count = sum(len(limit.names) for limit in hard) if uncounted else 0
+        # Where a pose is moved, it may be unknown in part.
+        count = sum(len(limit.names) for limit in hard) if problem.moves_pose else 0
         turns = robot.owes or bool(robot.pose_noise_deg)
         strays = problem.average > 0 and any(_bend(limit) for limit in hard)
         return cls(hard, count, turns, strays, robot.longest_hold > 0)
