@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
+from ergoqp.step.answer.amiss import PARTS
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,11 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
         Field("multipliers", rows, "multiplier of each row in the QP", array=True),
         Field("outside", rows, "1 for rows that are outside and coming back", array=True),
         Field("locked", n, "1 for joints that are held at their end"),
+        Field(
+            "amiss",
+            len(PARTS) + rows,
+            f"1 for terms without a usable number: {', '.join(map(' '.join, PARTS))}, each row",
+        ),
         Field("qp_residual", 1, "largest KKT residual of the QP; accepted up to 1e-6"),
         Field("contact", 1, "contact motion that the posture cannot follow [m/s, rad/s]"),
         Field("accepted", 1, "certified share of the QP's answer: 0 braking, 1 all of it"),

@@ -9,6 +9,7 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.export.fields import input_fields, members, output_fields
 from ergoqp.problem.problem import Problem
+from ergoqp.step.answer.amiss import PARTS
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.guide.place import Guide
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS
@@ -165,7 +166,8 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
         "fault": 2,
         "residuals": 3,
     }
-    outputs |= {"locked": n} | dict.fromkeys(("margins", "slack", "multipliers", "outside"), rows)
+    outputs |= {"locked": n, "amiss": len(PARTS) + rows}
+    outputs |= dict.fromkeys(("margins", "slack", "multipliers", "outside"), rows)
     lines = [
         "/* Sizes of the generated function. */",
         "#ifndef ERGOQP_MEMORY_H",

@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.arguments import shown
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, ModelError
 from ergoqp.expressions.rigid import read_pose
+from ergoqp.files.npz import read_npz
 from ergoqp.identification.resting import Resting, RestWatch
 from ergoqp.joints import JOINTS
 from ergoqp.problem.way import pose_error
@@ -91,16 +92,14 @@ def rests_in(loop: Watched) -> list[Resting]:
 
 
 def _of_folder(folder: Path) -> Watched:
+    names = ("time", "postures", "poses")
     try:
-        with (folder / "run.npz").open("rb") as file, np.load(file, allow_pickle=False) as held:
-            arrays = [held[name] for name in ("time", "postures", "poses")]
-    # A truncated or forged file can raise any error.
-    except Exception as error:
+        arrays = read_npz(folder / "run.npz", names)
+    except ModelError as error:
         raise InputError(
-            f"rests: got the folder {folder}, allowed one that a run was saved in"
-            f" ({type(error).__name__}: {error})"
+            f"rests: got the folder {folder}, allowed one that a run was saved in ({error})"
         ) from None
-    return _checked(f"the folder {folder}", *arrays)
+    return _checked(f"the folder {folder}", *(arrays[name] for name in names))
 
 
 def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:

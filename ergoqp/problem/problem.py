@@ -24,6 +24,7 @@ from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.room import no_room
+from ergoqp.problem.tried import check_pace, judge_terms
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.options import check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -106,6 +107,7 @@ class Problem:
         if nowhere := no_room(self.limits, self.response):
             raise ProblemError(f"limits: {nowhere}")
         self.own_limits.judge()
+        check_pace(self.own_times, self.dt)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -144,6 +146,11 @@ class Problem:
         box, moves = self.limit_of(WorkspaceBox), self.twist_limit.speed[:3] > 0
         room = self._rises + _ROOM
         return WayOut.of(self.row_limits, box, room, moves, self.robot.noise[:3])
+
+    @cached_property
+    def own_times(self) -> dict[str, float]:
+        """How long a user's cost and response take [s], see `ergoqp.problem.tried`."""
+        return judge_terms(self.cost, self.response)
 
     @cached_property
     def stop(self) -> Stop:

@@ -16,6 +16,7 @@ from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer.accounting import account_function
+from ergoqp.step.answer.amiss import amiss
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
@@ -79,6 +80,7 @@ def build_step(
     guided: bool = False,
     unrolled: bool = False,
     every_branch: bool = False,
+    spare: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
@@ -101,8 +103,10 @@ def build_step(
             fastest form for a compiler and the slowest for an interpreter.
         every_branch: whether it always takes the longer branch. Its answers are those of a step
             only where all are needed; it is for `ergoqp.step.timing`.
+        spare: whether cost and readings are NaN, so that the step only brakes.
     """
-    model, shape = StepModel(problem, guided, every_branch), scalars if unrolled else vectors
+    model = StepModel(problem, guided, every_branch, spare)
+    shape = scalars if unrolled else vectors
     names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])
@@ -135,6 +139,7 @@ def build_step(
     known |= by_name(gain_function(model), known)
     known |= by_name(shape(judge_function(model)), known, written=True)
     known["share"] = shortened(model, known)
+    known |= amiss(model, known)
     known |= by_name(shape(account_function(model)), known, written=True)
     known["next_state"] = joined(model.state, _next_state(model, found, known | watched))
 

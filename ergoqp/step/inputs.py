@@ -10,6 +10,7 @@ from typing import Final
 
 import casadi as ca
 
+from ergoqp.arguments import of_package
 from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
@@ -50,6 +51,7 @@ OUTPUTS: Final = (
     "outside",
     "residuals",
     "astray",
+    "amiss",
 )
 
 
@@ -83,6 +85,11 @@ def read_inputs(
     read = by_name(shape(_read_function(model)), known, written=True)
     pose = _pose(model.problem, given, read["measured"], read["moved"], posture)
     known |= read | {"posture": posture, "pose": pose}
+    if not of_package(model.problem.response):
+        # Without a usable contact frame the pose stays unknown, see `_pose`.
+        placed = pose[3, 3]
+        known["next_started"] *= placed
+        known["causes"] += 2.0**Cause.term * (1 - placed)
     if model.problem.robot.owes:
         # When the object was measured last, any share of the motion under way may have been done
         # already. It is integrated as if none was.
@@ -171,9 +178,12 @@ def _pose(
         ca.MX.sym("moved", 6),
     ]
     inputs.append(ca.MX.sym("posture", posture.numel()))
-    by_posture = ca.Function(
-        "by_posture", inputs, [ca.densify(problem.response.contact()(inputs[4])[0])]
-    )
+    first = problem.response.contact()(inputs[4])[0]
+    if not of_package(problem.response):
+        # A matrix of zeros stands for a pose that is not usable.
+        rigid = ca.Function("rigid", [sx[0]], [is_rigid(sx[0])])(first)
+        first = ca.if_else(rigid, first, 0)
+    by_posture = ca.Function("by_posture", inputs, [ca.densify(first)])
     followed = ca.Function("followed", inputs, [ca.densify(on(inputs[2], inputs[3]))])
     integrated = ca.Function.if_else("integrated", followed, by_posture)(inputs[1], *inputs)
     unmeasured = ca.Function("unmeasured", inputs, [integrated])

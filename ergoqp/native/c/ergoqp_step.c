@@ -107,6 +107,7 @@ static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, 
     memcpy(output->multipliers, FOUND(multipliers), ERGOQP_ROWS * sizeof(double));
     memcpy(output->outside, FOUND(outside), ERGOQP_ROWS * sizeof(double));
     COPY(output->locked, FOUND(locked));
+    COPY(output->amiss, FOUND(amiss));
     output->qp_residual = FOUND(residuals)[0];
     output->contact = FOUND(residuals)[1];
     output->accepted = FOUND(residuals)[2];
