@@ -14,6 +14,7 @@ from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
+from ergoqp.step.frames_check import FRAMES
 from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.packing import Sizes, count
 from ergoqp.step.program.bounds import limit_values, movable_rows
@@ -70,6 +71,8 @@ class StepModel:
             sizes["unsure"] = (6, 2)
         if self.asks_back:
             sizes["asked"] = (2, 1)
+        if self.problem.moves_pose:
+            sizes["frames"] = (count(FRAMES), 1)
         return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
 
     @cached_property

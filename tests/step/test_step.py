@@ -304,7 +304,7 @@ def test_a_flag_is_set_beyond_one_half() -> None:
 
 
 def test_every_cause_is_a_bit_of_its_own() -> None:
-    assert [cause.value for cause in Cause] == list(range(16))
+    assert [cause.value for cause in Cause] == list(range(17))
     assert [status.value for status in Status] == list(range(6))
 
 

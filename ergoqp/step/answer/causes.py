@@ -41,3 +41,4 @@ class Cause(IntEnum):
     asked = 13
     long_period = 14
     short_periods = 15
+    frames = 16

@@ -13,6 +13,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.answer.account import Account
 from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.frames_check import frames_sentence
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.program.bounds import limit_values
 from ergoqp.step.robot_watch.faults import fault_sentence
@@ -95,6 +96,8 @@ def reason_of(
             parts.append(_held(names[i], margins[i]))
             continue
         parts.append(f"{beyond(i)}, {why}")
+    if doubt := frames_sentence(problem, account("frames")):
+        parts.append(doubt)
     return "; ".join([*parts, *log])
 
 
@@ -121,6 +124,8 @@ def _cause(
         return notes.get("twist", "twist is not finite or huge")
     if cause is Cause.disabled:
         return notes.get("enable", "not enabled")
+    if cause is Cause.frames:
+        return frames_sentence(problem, account("frames"))
     if cause is Cause.robot:
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
