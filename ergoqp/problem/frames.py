@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number, read_array, shown
+from ergoqp.arguments import check_number, flag, read_array, shown
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions.quaternions import matrix_of, quaternion_of
 from ergoqp.expressions.rigid import read_pose
@@ -35,6 +35,8 @@ class Frames:
         spread: how far one rest of this person was from `offset` at most [m]. None: no
             calibration.
         spread_deg: the same of the tool's axis, from where the model's person has it [deg].
+        compare: whether the step compares posture and pose. False: where they are not of one world,
+            such as with people who walk about.
 
     Each frame is given as (4, 4), or as x, y, z [m] and a quaternion x, y, z, w (7,).
 
@@ -58,6 +60,7 @@ class Frames:
     offset: Any = (0.0, 0.0, 0.0)
     spread: float | None = None
     spread_deg: float | None = None
+    compare: bool = True
 
     def __post_init__(self) -> None:
         """Read the frames."""
@@ -68,6 +71,7 @@ class Frames:
         except InputError as error:
             raise ProblemError(str(error)) from None
         object.__setattr__(self, "offset", offset)
+        object.__setattr__(self, "compare", flag("frames.compare", self.compare, ProblemError))
         if (self.spread is None) != (self.spread_deg is None):
             raise ProblemError("frames: got one of spread and spread_deg, allowed both or none")
         if self.spread is not None:
@@ -79,7 +83,8 @@ class Frames:
         if not isinstance(other, Frames):
             return NotImplemented
         same = all(np.array_equal(getattr(self, n), getattr(other, n)) for n in (*_NAMES, "offset"))
-        return same and (self.spread, self.spread_deg) == (other.spread, other.spread_deg)
+        numbers = ("spread", "spread_deg", "compare")
+        return same and all(getattr(self, n) == getattr(other, n) for n in numbers)
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
@@ -164,10 +169,12 @@ class Frames:
             frame = getattr(self, name)
             if not np.array_equal(frame, np.eye(4)):
                 turn = np.roll(quaternion_of(frame[:3, :3]), -1)
-                lines.append(f"{name} = {[*frame[:3, 3].tolist(), *turn.tolist()]}")
+                lines.append(f"{name} = {np.round([*frame[:3, 3], *turn], 9).tolist()}")
         if self.spread is not None:
-            lines.append(f"offset = {self.offset.tolist()}")
-            lines += [f"spread = {self.spread!r}", f"spread_deg = {self.spread_deg!r}"]
+            lines.append(f"offset = {np.round(self.offset, 6).tolist()}")
+            lines += [f"spread = {self.spread:.6f}", f"spread_deg = {self.spread_deg:.4f}"]
+        if not self.compare:
+            lines.append("compare = false")
         return "\n".join(lines) + "\n"
 
     def _lever(self, pose: Any) -> np.ndarray:

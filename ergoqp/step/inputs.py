@@ -72,10 +72,9 @@ def read_inputs(
         The usable numbers for the step: ``posture``; ``pose`` as measured, or as far as it is
         known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
         ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
-        ``told``; whether posture and pose can be
-        compared (``compares``, of a person); whether the object has to ``stop``; ``causes`` why the step can only brake, by
-        `Cause`; the ``next_account`` of `ergoqp.step.robot_watch.watch.reckoned`; and everything
-        else that was given.
+        ``told``; whether posture and pose can be compared (``compares``); whether the object has to
+        ``stop``; ``causes`` why the step can only brake, by `Cause`; the ``next_account`` of
+        `ergoqp.step.robot_watch.watch.reckoned`; and everything else that was given.
     """
     seen = is_set(given["observed"])
     usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)
@@ -118,8 +117,7 @@ def _read_function(model: StepModel) -> ca.Function:
         and the other results of `read_inputs`.
     """
     problem = model.problem
-    of_person = ("frames",) if problem.moves_pose else ()
-    raw = model.symbols((*_READ, *_KEPT, *of_person))
+    raw = model.symbols((*_READ, *_KEPT, *(("frames",) if model.compares else ())))
     has_pose, has_twist, started, frame = (
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
@@ -150,7 +148,7 @@ def _read_function(model: StepModel) -> ca.Function:
         Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }
-    if of_person:
+    if model.compares:
         bad[Cause.frames] = split(FRAMES, raw["frames"])["beyond"] >= BEYOND
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
     outputs = {
@@ -162,7 +160,7 @@ def _read_function(model: StepModel) -> ca.Function:
         "stop": ca.logic_or(disabled, unmeasured),
         "causes": causes,
     }
-    if of_person:
+    if model.compares:
         sees = ca.logic_and(ca.logic_and(frame, raw["posture_ok"]), fresh)
         waited = split(FRAMES, raw["frames"])["wait"] <= 1e-9
         outputs["compares"] = ca.logic_and(ca.logic_and(measured, sees), waited)

@@ -59,6 +59,11 @@ class StepModel:
         """Whether some row of the person's posture may ask the object to come back."""
         return any(not limit.hard and any(limit.returns) for limit in self.problem.row_limits)
 
+    @property
+    def compares(self) -> bool:
+        """Whether posture and pose are compared, see `ergoqp.step.frames_check`."""
+        return self.problem.moves_pose and self.problem.frames.compare
+
     @cached_property
     def state(self) -> Sizes:
         """Shape of every part of the state, in order."""
@@ -71,7 +76,7 @@ class StepModel:
             sizes["unsure"] = (6, 2)
         if self.asks_back:
             sizes["asked"] = (2, 1)
-        if self.problem.moves_pose:
+        if self.compares:
             sizes["frames"] = (count(FRAMES), 1)
         return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
 

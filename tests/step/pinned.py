@@ -19,6 +19,7 @@ import numpy as np
 from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.workspace import frame_of
@@ -78,7 +79,10 @@ def narrow(
     if joints:
         limits = [replace(limit, **joints) if limit is ranges else limit for limit in limits]
     control = replace(problem.control, average=average, rest_below=0.001)
-    return problem.replace(limits=limits, robot=robot, control=control)
+    # Postures and poses have nothing to do with each other.
+    return problem.replace(
+        limits=limits, robot=robot, control=control, frames=Frames(compare=False)
+    )
 
 
 LOOPS: dict[str, Loop] = {
@@ -145,6 +149,13 @@ LOOPS: dict[str, Loop] = {
         RobotKind(delay=0.01, gain=0.98),
     ),
     "rests": Loop(lambda: load_problem("overhead"), steps=320, every=240),
+    "compared": Loop(
+        lambda: load_problem("screwing").replace(
+            frames=Frames([0.1, 0, 0, 0, 0, 0, 1], [0, 0.1, 0, 0, 0, 0, 1])
+        ),
+        steps=240,
+        every=60,
+    ),
     "guided": Loop(lambda: load_problem("overhead"), guided=True, steps=640, every=1000),
     "learned": Loop(lambda: load_problem("screwing_learned"), reports="both"),
     "points": Loop(lambda: load_problem("forearm"), reports="nothing"),

@@ -119,7 +119,9 @@ def _cause(
     if cause is Cause.posture:
         return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
     if cause is Cause.pose:
-        return notes.get("pose", "pose is not finite, far away or not a rigid motion")
+        return notes.get(
+            "pose", "pose is not finite, over 100 m away or not a rigid motion: is it in m?"
+        )
     if cause is Cause.twist:
         return notes.get("twist", "twist is not finite or huge")
     if cause is Cause.disabled:
