@@ -24,7 +24,7 @@ seeds 0 to 9 and the kinds alike, follower, stubborn, pushed, looking and trembl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
@@ -285,7 +285,7 @@ def calibrated(kind: str, name: str, seed: int) -> dict[str, Any]:
 
 def _frame(rng: np.random.Generator, most: float) -> np.ndarray:
     frame = np.eye(4)
-    frame[:3, :3] = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
+    frame[:3, :3] = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
     frame[:3, 3] = rng.uniform(-most, most, 3)
     return frame
 
@@ -299,6 +299,10 @@ def _places(problem: Problem, rng: np.random.Generator) -> Iterator[np.ndarray]:
         pose[:3, 3] = rng.uniform(box.lower, box.upper)
         pose[:3, :3] = rotations[rng.integers(len(rotations))]
         yield pose
+
+
+def _mean(values: Sequence[bool]) -> float:
+    return float(np.mean(values))
 
 
 def _begin() -> None:
@@ -316,7 +320,9 @@ def measure(report: Report) -> None:
     stepping = stepping if report.full else stepping[:2]
     with_mass = [("mass", name, FIRST) for name in TASKS] if report.full else []
     few = [unit for i, unit in enumerate(units) if i % report.pick(3, 7) == 0]
-    jobs = [(honest, unit) for unit in (*units, *with_mass, *stepping)]
+    jobs: list[tuple[Callable[..., dict[str, Any]], tuple[Any, ...]]] = [
+        (honest, unit) for unit in (*units, *with_mass, *stepping)
+    ]
     jobs += [(wrong, (*unit, i % report.pick(4, 5) == 0)) for i, unit in enumerate(few)]
     jobs += [(calibrated, unit) for unit in few]
     with ProcessPoolExecutor(2, initializer=_begin) as pool:
@@ -330,9 +336,9 @@ def measure(report: Report) -> None:
     after = [result for _, result in of[calibrated]]
     rates = {what: [r[what]["named"] for r in after if what in r] for what in OTHERS}
     every = [named for values in rates.values() for named in values]
-    report.figure("share_named.calibrated", np.mean(every), "of the last three, calibrated")
+    report.figure("share_named.calibrated", _mean(every), "of the last three, calibrated")
     for what, values in rates.items():
-        report.figure(f"share_named.{what}.calibrated", np.mean(values))
+        report.figure(f"share_named.{what}.calibrated", _mean(values))
     loops = [result for unit, result in of[honest] if unit[0] != "stepping"]
     _print_honest(report, loops, "")
     _print_honest(report, [r for unit, r in of[honest] if unit[0] == "stepping"], "stepping.")
@@ -341,13 +347,13 @@ def measure(report: Report) -> None:
 
 def _print_named(report: Report, found: list[dict[str, Any]]) -> None:
     every = [result[what]["named"] for result in found for what in COUNTED if what in result]
-    report.figure("share_named", np.mean(every), f"within {NAMED:g} s, of {len(every)} loops")
+    report.figure("share_named", _mean(every), f"within {NAMED:g} s, of {len(every)} loops")
     for what in (*COUNTED, *OTHERS):
         values = [result[what] for result in found if what in result]
-        report.figure(f"share_named.{what}", np.mean([each["named"] for each in values]))
-        report.figure(f"share_said.{what}", np.mean([each["said"] for each in values]))
+        report.figure(f"share_named.{what}", _mean([each["named"] for each in values]))
+        report.figure(f"share_said.{what}", _mean([each["said"] for each in values]))
         if scores := [each["reba"] for each in values if "reba" in each]:
-            start, end, unchecked = np.mean(scores, axis=0)
+            start, end, unchecked = np.mean(scores, axis=0).tolist()
             report.figure(f"reba.{what}.start", start, "mean REBA score")
             report.figure(f"reba.{what}", end, f"after {LED:g} s")
             report.figure(f"reba.{what}.unchecked", unchecked, "without the comparison")
@@ -359,7 +365,7 @@ def _print_honest(
     report.figure(f"{before}loops{after}", len(found), f"honest loops of {HONEST:g} s")
     braked = sum(each["braked"] for each in found)
     report.figure(f"{before}false_brakes{after}", braked, "of them braked for their frames")
-    doubts = np.mean([each["doubted"] for each in found])
+    doubts = _mean([each["doubted"] for each in found])
     report.figure(f"{before}false_doubts{after}", doubts, "share whose frames are doubted")
 
 

@@ -31,6 +31,9 @@ _FEWEST: Final = 3
 _OFF: Final = (0.03, 0.08)
 """What no bias explains at one rest [m], [rad]."""
 
+_WILD: Final = (0.12, 3.0)
+"""A rest is left out if it is off by more than this [m], and by this multiple of the median."""
+
 _STATURE, _BIAS = 0.08 / 1.75, float(np.radians(5.0))
 """Standard deviations of people: of every length, as a share, and of every angle's error [rad]."""
 
@@ -48,8 +51,9 @@ class CalibratedFrames(Frames):
     """Frames that were found from rests, and how well.
 
     Attributes:
-        rests: number of rests.
-        residual: what frames, stature and bias leave unexplained at each rest (n,) [m].
+        rests: number of rests that were used.
+        left_out: numbers of those that do not fit to the others and were left out.
+        residual: what frames, stature and bias leave unexplained at each used rest (n,) [m].
         unsure: standard deviation of each unknown: ``base_m``, ``base_deg``, ``flange_m``,
             ``flange_deg`` [m, deg].
         undetermined: a sentence for each frame that these rests do not determine; its value is
@@ -69,6 +73,7 @@ class CalibratedFrames(Frames):
     """
 
     rests: int = 0
+    left_out: tuple[int, ...] = ()
     residual: Any = ()
     unsure: Any = None
     undetermined: tuple[str, ...] = ()
@@ -121,8 +126,14 @@ def calibrate_frames(problem: Problem, rests: Any, known: Sequence[str] = ()) ->
         raise InputError(f"rests: got {len(found)}, allowed at least {_FEWEST}")
     postures = np.array([rest.posture for rest in found])
     poses = np.array([rest.pose for rest in found])
-    fit = _Fit(problem, postures, poses, kept)
-    return fit.solved()
+    used, left_out = list(range(len(found))), list[int]()
+    while True:
+        frames = _Fit(problem, postures[used], poses[used], kept).solved(tuple(left_out))
+        worst = int(np.argmax(frames.residual))
+        usual = max(_WILD[0], _WILD[1] * float(np.median(frames.residual)))
+        if frames.residual[worst] <= usual or len(left_out) + 1 > len(found) - _FEWEST:
+            return frames
+        left_out.append(used.pop(worst))
 
 
 class _Fit:
@@ -174,7 +185,7 @@ class _Fit:
             ca.Function("slope", inputs, [ca.jacobian(residual, unknown)]),
         )
 
-    def solved(self) -> CalibratedFrames:
+    def solved(self, left_out: tuple[int, ...]) -> CalibratedFrames:
         """Return the frames with the least squares, from several starts."""
         given = self.problem.frames
         free = np.array([name not in self.known for name in ("base", "flange") for _ in range(6)])
@@ -201,7 +212,9 @@ class _Fit:
             offset=offset,
             spread=float(np.linalg.norm(shift - offset, axis=1).max()),
             spread_deg=float(np.degrees(2 * np.arcsin(np.minimum(axis / 2, 1))).max()),
+            compare=given.compare,
             rests=len(self.poses),
+            left_out=left_out,
             residual=np.linalg.norm(left[:, :3], axis=1) * _OFF[0],
             unsure=unsure,
             undetermined=tuple(_sentences(unsure)),
@@ -224,9 +237,7 @@ class _Fit:
         found = least_squares(
             lambda some: residual(some).ravel(),
             np.zeros(int(free.sum())),
-            lambda some: slope(some)[:, free],
-            loss="soft_l1",
-            f_scale=3.0,
+            lambda some: slope(some)[:, free],  # pyright: ignore[reportArgumentType]
             max_nfev=60,
         )
         value[free] = found.x

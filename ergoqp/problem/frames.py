@@ -155,7 +155,7 @@ class Frames:
             seen = np.asarray(points, dtype=float)
         except (TypeError, ValueError):
             seen = np.zeros(0)
-        if seen.ndim != 2 or seen.shape[1] != 3:
+        if seen.ndim != 2 or seen.shape[-1] != 3:
             raise InputError(f"points: got {shown(points)}, allowed rows of three numbers (n, 3)")
         return seen @ self.camera[:3, :3].T + self.camera[:3, 3]
 

@@ -160,7 +160,7 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
         limits = model.problem.row_limits
         after["asked"] = asked_update(limits, known["asked"], known["now"], known["dt"])
     if model.compares:
-        after["frames"] = compared_frames(model.problem, known | {"period": found.dt})
+        after["frames"] = compared_frames(model.problem, {**known, "period": found.dt})
     if model.guided:
         after["trial"] = known["next_trial"]
     return after

@@ -40,13 +40,15 @@ def problem() -> Problem:
 
 def test_frames_of_the_model_person_are_found_exactly(problem: Problem) -> None:
     found = ergoqp.calibrate_frames(problem, rests(problem))
-    np.testing.assert_allclose(found.base, TRUE.base, atol=1e-5)
+    # Up to what the weak prior of the frames pulls.
+    np.testing.assert_allclose(found.base, TRUE.base, atol=2e-3)
     # The turn about the tool is free.
-    np.testing.assert_allclose(found.flange[:3, [0, 3]], TRUE.flange[:3, [0, 3]], atol=1e-5)
-    assert found.residual.max() < 1e-5
+    np.testing.assert_allclose(found.flange[:3, [0, 3]], TRUE.flange[:3, [0, 3]], atol=2e-3)
+    assert found.residual.max() < 1e-3
     assert found.spread is not None
-    assert found.spread < 1e-5
+    assert found.spread < 1e-3
     assert found.undetermined == ()
+    assert found.left_out == ()
 
 
 def test_a_person_with_errors_is_calibrated_as_far_as_it_goes(problem: Problem) -> None:
@@ -68,13 +70,14 @@ def test_a_person_with_errors_is_calibrated_as_far_as_it_goes(problem: Problem) 
     assert known.unsure["base_m"] == 0.0
 
 
-def test_a_wild_rest_counts_little(problem: Problem) -> None:
+def test_a_wild_rest_is_left_out(problem: Problem) -> None:
     given = rests(problem)
     posture, pose = given[3]
     given[3] = (posture, pose @ TRUE.base)
     found = ergoqp.calibrate_frames(problem, given)
     assert np.linalg.norm(found.base[:3, 3] - TRUE.base[:3, 3]) < 0.1
-    assert found.residual.argmax() == 3
+    assert found.left_out == (3,)
+    assert found.rests == 9
 
 
 def test_rests_that_are_too_similar_are_said_to_be(problem: Problem) -> None:
