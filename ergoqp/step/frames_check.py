@@ -22,12 +22,12 @@ from ergoqp.expressions.linear import dense
 from ergoqp.problem.problem import Problem
 from ergoqp.step.packing import Sizes
 
-PERIOD: Final = 0.1
+PERIOD: Final = 0.2
 """Time between two comparisons [s]."""
 
-BEYOND: Final = 4
-DOUBTED: Final = 8
-AGREED: Final = 10
+BEYOND: Final = 3
+DOUBTED: Final = 4
+AGREED: Final = 5
 """Numbers of comparisons."""
 
 _FAR: Final = (0.38, float(np.radians(50.0)))
