@@ -15,6 +15,8 @@ from ergoqp.expressions.rigid import read_pose
 _NAMES: Final = ("base", "flange", "camera")
 _WIDEST: Final = 2.0
 """Largest distance of a calibration [m]."""
+_FARTHEST: Final = 100.0
+"""Where a pose is not a place of a robot any more [m], as in `read_pose`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,26 +188,31 @@ def _frame(what: str, given: Any) -> np.ndarray:
     """Return a user's frame as (4, 4)."""
     if given is None:
         return np.eye(4)
+    in_words = "x, y, z [m] and a quaternion x, y, z, w"
     try:
-        if np.shape(given) == (7,):
-            values = read_array(what, given, (7,), "x, y, z [m] and a quaternion x, y, z, w")
-            size = float(np.linalg.norm(values[3:]))
-            if not abs(size - 1) < 1e-3:
-                raise InputError(
-                    f"{what}: got a quaternion of length {size:g}, allowed 1, in the order x, y, z,"
-                    " w"
-                )
-            pose = np.eye(4)
-            pose[:3, :3] = matrix_of(np.roll(values[3:] / size, 1))
-            pose[:3, 3] = values[:3]
-            return read_pose(what, pose)
-        return read_pose(what, given)
+        if _shape(given) != (7,):
+            return read_pose(what, given)
+        values = read_array(what, given, (7,), in_words)
     except InputError as error:
-        raise ProblemError(str(error)) from None
-    except ValueError:  # ragged: no shape
+        others = "" if in_words in str(error) else f", or {in_words}"
+        raise ProblemError(f"{error}{others}") from None
+    size = float(np.linalg.norm(values[3:]))
+    if not abs(size - 1) < 1e-3 or not np.linalg.norm(values[:3]) < _FARTHEST:
         raise ProblemError(
-            f"{what}: got {shown(given)}, allowed (4, 4), or x, y, z [m] and a quaternion"
-        ) from None
+            f"{what}: got {shown(values.tolist())}, allowed x, y, z within {_FARTHEST:g} m and a"
+            " quaternion x, y, z, w of length 1"
+        )
+    pose = np.eye(4)
+    pose[:3, :3] = matrix_of(np.roll(values[3:] / size, 1))
+    pose[:3, 3] = values[:3]
+    return pose
+
+
+def _shape(given: Any) -> tuple[int, ...]:
+    try:
+        return np.shape(given)
+    except Exception:  # no array
+        return ()
 
 
 def _inverse(pose: np.ndarray) -> np.ndarray:

@@ -73,11 +73,12 @@ def test_a_file_gives_what_python_gives(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        ({"base": [0, 0, 0, 0, 0, 0, 2]}, "quaternion of length 2, allowed 1"),
+        ({"base": [0, 0, 0, 0, 0, 0, 2]}, "quaternion x, y, z, w of length 1"),
         ({"base": [0, 0, np.nan, 0, 0, 0, 1]}, "frames.base: got nan"),
         ({"flange": np.diag([1, -1, 1, 1])}, "frames.flange: got a pose that is a mirror"),
         ({"camera": "there"}, "frames.camera: got 'there'"),
-        ({"base": [[1, 2], [3]]}, "frames.base: got"),
+        ({"base": [[1, 2], [3]]}, "frames.base: got .*or x, y, z .m. and a quaternion"),
+        ({"base": [400, 0, 300, 0, 0, 0, 1]}, "within 100 m"),
         ({"offset": [1, 2]}, "frames.offset: got"),
         ({"spread": 0.1}, "got one of spread and spread_deg"),
         ({"spread": -0.1, "spread_deg": 1.0}, "frames.spread: got -0.1"),
