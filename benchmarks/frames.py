@@ -4,8 +4,9 @@ Run ``python -m benchmarks.frames [--quick | --full] [--json FILE]``.
 
 Everybody is honest but the frames: people of all kinds follow, whose angles are read with a
 constant error of up to 7 degrees each (8, of those who tremble) beside the noise of their kind, and
-whose stature the controller has wrong by up to 0.15 m. Seeds from 1000; the bounds of the comparison were found with
-seeds below 100 and the kinds alike, follower, stubborn, pushed, looking and trembling.
+whose stature the controller has wrong by up to 0.15 m. Seeds from 1000; the bounds of the
+comparison were found with seeds below 100 and the kinds alike, follower, stubborn, pushed, looking
+and trembling.
 
 - ``share_named``: loops with a wrong frame in which a step within 1 s brakes and names it: a pose
   in millimetres, a base 1 m and 0.6 m off, the tool along z instead of x, a base turned by 90

@@ -51,6 +51,8 @@ class CalibratedFrames(Frames):
     """Frames that were found from rests, and how well.
 
     Attributes:
+        spread: how far one used rest is from the mean `offset` at most [m].
+        spread_deg: the same of the tool's axis, from where the model's person has it [deg].
         rests: number of rests that were used.
         left_out: numbers of those that do not fit to the others and were left out.
         residual: what frames, stature and bias leave unexplained at each used rest (n,) [m].
