@@ -58,7 +58,7 @@ from ergoqp.step.stepper import Step, Stepper
 
 FIRST = 1000
 """First seed of those that nothing was tuned on."""
-NAMED, SAID, HONEST, LED = 1.0, 3.0, 5.0, 8.0
+NAMED, SAID, HONEST, LED = 1.0, 3.0, 3.0, 8.0
 """Time to name a fault, and to say it; length of an honest loop, and of one with a score [s]."""
 RESTS = 8
 _BIAS, _STATURE = 7.0, 0.15
@@ -134,7 +134,8 @@ class Unit:
     @property
     def rng(self) -> np.random.Generator:
         """The chance of everything but the person."""
-        return np.random.default_rng([self.seed, 43])
+        who = self.person.kind + self.problem.name
+        return np.random.default_rng([self.seed, 43, *map(ord, who)])
 
 
 @cache
