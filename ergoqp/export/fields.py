@@ -45,9 +45,7 @@ def input_fields(problem: Problem) -> list[Field]:
     return [
         Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
         Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
-        Field(
-            "pose", 16, "measured contact frame in the world, row-major 4 x 4 [m]; read if has_pose"
-        ),
+        Field("pose", 16, f"measured {_posed(problem)}, row-major 4 x 4 [m]; read if has_pose"),
         Field(
             "twist",
             6,
@@ -114,6 +112,9 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
             1,
             "size of the fault: a factor, seconds, metres, radians or metres per second",
         ),
+        Field("doubted", 0, "1: no usual error of the posture explains the pose, see `apart`"),
+        Field("apart", 1, "distance between the pose and the contact of the posture [m]"),
+        Field("apart_angle", 1, "the same of the tool's axis [rad]"),
     ]
     drawn = Field(
         "drawn",
@@ -141,6 +142,10 @@ def members(fields: list[Field]) -> str:
         name = f"{field.name}[{field.length}]" if field.length else field.name
         lines.append(f"    {'int' if field.whole else 'double'} {name}; /* {field.meaning} */")
     return "\n".join(lines)
+
+
+def _posed(problem: Problem) -> str:
+    return "flange in the base" if problem.frames.moved else "contact frame in the world"
 
 
 def _unit(problem: Problem) -> str:

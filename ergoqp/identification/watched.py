@@ -15,6 +15,7 @@ from ergoqp.expressions.rigid import read_pose
 from ergoqp.files.npz import read_npz
 from ergoqp.identification.resting import Resting, RestWatch
 from ergoqp.joints import JOINTS
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.way import pose_error
 
 _BACK: Final = 0.5
@@ -42,11 +43,12 @@ class Watched:
     poses: np.ndarray
 
 
-def watched(given: Any) -> Watched | None:
+def watched(given: Any, frames: Frames | None = None) -> Watched | None:
     """Return the loop in what a user gives, None if it is not a loop.
 
     Args:
         given: an `ergoqp.Run`, the folder of one, or the entries of a stepper's log.
+        frames: what the poses of a log are reported in. None: as they are.
 
     Raises:
         InputError: if it is one of these, and cannot be read.
@@ -56,7 +58,10 @@ def watched(given: Any) -> Watched | None:
     if all(hasattr(given, name) for name in ("time", "postures", "poses")):
         return _checked("the run", given.time, given.postures, given.poses)
     if isinstance(given, Sequence) and given and isinstance(given[0], Mapping):
-        return _of_log(given)
+        loop = _of_log(given)
+        if frames is None or not frames.moved:
+            return loop
+        return Watched(loop.time, loop.postures, frames.base @ loop.poses @ frames.flange)
     return None
 
 

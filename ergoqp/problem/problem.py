@@ -21,6 +21,7 @@ from ergoqp.limits.own_rows import OwnLimits
 from ergoqp.limits.stop import Stop
 from ergoqp.limits.way_out import WayOut
 from ergoqp.problem.control import Control
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.room import no_room
@@ -51,6 +52,7 @@ class Problem:
         dt: control period [s].
         control: settings of the step: how fast and how far the object moves.
         robot: declared delays and errors of the robot.
+        frames: where the robot's base, the tool in its flange and the camera are.
         task: what joint angles cannot tell (load, coupling ...), as keywords of
             `ergoqp.reba.assess`. The stance of the response says whether the person sits.
         method: options of the exact sheet, where implementations disagree.
@@ -78,6 +80,7 @@ class Problem:
     dt: float = 0.01
     control: Control = field(default_factory=Control)
     robot: DeclaredRobot = field(default_factory=DeclaredRobot)
+    frames: Frames = field(default_factory=Frames)
     task: TaskOptions = field(default_factory=TaskOptions)
     method: Method = field(default_factory=Method)
     name: str = "custom"
@@ -190,6 +193,7 @@ class Problem:
         if not self.moves_pose:
             for what, given in (
                 ("robot", self.robot.declared),
+                ("frames", self.frames != Frames()),
                 ("control.average", bool(self.control.average)),
             ):
                 if given:

@@ -19,10 +19,11 @@ from ergoqp.step.answer.accounting import account_function
 from ergoqp.step.answer.amiss import amiss
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.certification import judge_function, shortened
+from ergoqp.step.frames_check import FRAMES, compared_frames
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.inputs import INPUTS, OUTPUTS, read_inputs
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import joined, split
+from ergoqp.step.packing import count, joined, split
 from ergoqp.step.program.asked_back import asked_update, still_asks
 from ergoqp.step.program.data import away_function
 from ergoqp.step.program.locking import solve_passes
@@ -113,7 +114,11 @@ def build_step(
 
     # The present pose of the object, and its landing pose.
     found = under_way(model, state["history"], raw["dt"], shape)
-    known = read_inputs(model, state | raw, found, shape)
+    given = state | raw
+    if problem.frames.moved:
+        given["pose"] = shape(_contact_pose(problem))(raw["pose"])
+    known = read_inputs(model, given, found, shape)
+    known.setdefault("frames", ca.MX.zeros(count(FRAMES)))
     watched = watch(model, known, shape)
     known |= {name: watched.pop(name) for name in ("causes", "astray")}
     known |= by_name(model.readings, known)
@@ -151,6 +156,13 @@ def build_step(
     return ca.Function(name, list(raw.values()), results, names, outputs)
 
 
+def _contact_pose(problem: Problem) -> ca.Function:
+    """Return ``flange in the base (4, 4) -> contact frame in the world (4, 4)``."""
+    pose, frames = ca.SX.sym("pose", 4, 4), problem.frames
+    contact = ca.DM(frames.base) @ pose @ ca.DM(frames.flange)
+    return ca.Function("contact_pose", [pose], [ca.densify(contact)])
+
+
 def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
     """Return the parts of the state that a step hands to the next one."""
     after = {name: known[name] for name in ("compared", "story", "said")}
@@ -167,6 +179,8 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
     if model.asks_back:
         limits = model.problem.row_limits
         after["asked"] = asked_update(limits, known["asked"], known["now"], known["dt"])
+    if model.compares:
+        after["frames"] = compared_frames(model.problem, {**known, "period": found.dt})
     if model.guided:
         after["trial"] = known["next_trial"]
     return after

@@ -15,7 +15,9 @@ from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
+from ergoqp.step.frames_check import BEYOND, FRAMES
 from ergoqp.step.model import StepModel
+from ergoqp.step.packing import split
 from ergoqp.step.under_way.history import CLOCK_ROUNDING
 from ergoqp.step.under_way.motion import UnderWay
 
@@ -42,6 +44,7 @@ OUTPUTS: Final = (
     "status",
     "causes",
     "fault",
+    "frames",
     "cost",
     "gain",
     "margins",
@@ -72,8 +75,9 @@ def read_inputs(
         The usable numbers for the step: ``posture``; ``pose`` as measured, or as far as it is
         known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
         ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
-        ``told``; whether the object has to ``stop``; ``causes`` why the step can only brake, by
-        `Cause`; and everything else that was given.
+        ``told``; whether posture and pose can be compared (``compares``); whether the object has to
+        ``stop``; ``causes`` why the step can only brake, by `Cause`; and everything else that was
+        given.
     """
     seen = is_set(given["observed"])
     last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
@@ -118,7 +122,8 @@ def _read_function(model: StepModel) -> ca.Function:
         Function that gives ``moved``, the displacement of the last period as far as it is known,
         and the other results of `read_inputs`.
     """
-    problem, raw = model.problem, model.symbols((*_READ, *_KEPT))
+    problem = model.problem
+    raw = model.symbols((*_READ, *_KEPT, *(("frames",) if model.compares else ())))
     has_pose, has_twist, started, frame = (
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
@@ -145,6 +150,8 @@ def _read_function(model: StepModel) -> ca.Function:
         Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }
+    if model.compares:
+        bad[Cause.frames] = split(FRAMES, raw["frames"])["beyond"] >= BEYOND
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
     outputs = {
         "moved": moved,
@@ -154,6 +161,10 @@ def _read_function(model: StepModel) -> ca.Function:
         "stop": ca.logic_or(disabled, unmeasured),
         "causes": causes,
     }
+    if model.compares:
+        sees = ca.logic_and(ca.logic_and(frame, raw["posture_ok"]), fresh)
+        waited = split(FRAMES, raw["frames"])["wait"] <= 1e-9
+        outputs["compares"] = ca.logic_and(ca.logic_and(measured, sees), waited)
     parts = ca.cse(dense(list(outputs.values())))
     return ca.Function("read", list(raw.values()), parts, list(raw), list(outputs))
 

@@ -15,6 +15,7 @@ from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
+from ergoqp.step.frames_check import FRAMES
 from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.packing import Sizes, count, places
 from ergoqp.step.program.bounds import limit_values, movable_rows
@@ -68,6 +69,11 @@ class StepModel:
         """Whether some row of the person's posture may ask the object to come back."""
         return any(not limit.hard and any(limit.returns) for limit in self.problem.row_limits)
 
+    @property
+    def compares(self) -> bool:
+        """Whether posture and pose are compared, see `ergoqp.step.frames_check`."""
+        return self.problem.moves_pose and self.problem.frames.compare
+
     @cached_property
     def state(self) -> Sizes:
         """Shape of every part of the state, in order."""
@@ -82,6 +88,8 @@ class StepModel:
             sizes["unsure"] = (6, 2)
         if self.asks_back:
             sizes["asked"] = (2, 1)
+        if self.compares:
+            sizes["frames"] = (count(FRAMES), 1)
         return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
 
     @cached_property

@@ -115,6 +115,9 @@ static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, 
     output->causes = (int)*FOUND(causes);
     output->fault = (int)FOUND(fault)[0];
     output->fault_amount = FOUND(fault)[1];
+    output->doubted = FOUND(frames)[2] >= ERGOQP_DOUBTED;
+    output->apart = FOUND(frames)[4];
+    output->apart_angle = FOUND(frames)[5];
 #ifdef ERGOQP_GUIDE
     output->drawn = (int)*FOUND(drawn);
 #endif

@@ -44,3 +44,4 @@ class Cause(IntEnum):
     latched = 16
     no_way_out = 17
     term = 18
+    frames = 19

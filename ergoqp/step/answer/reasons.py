@@ -14,6 +14,7 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.answer.account import Account
 from ergoqp.step.answer.amiss import AHEAD, PARTS
 from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.frames_check import frames_sentence
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.program.bounds import limit_values
 from ergoqp.step.robot_watch.faults import fault_sentence
@@ -98,6 +99,8 @@ def reason_of(
             parts.append(_held(names[i], margins[i]))
             continue
         parts.append(f"{beyond(i)}, {why}")
+    if doubt := frames_sentence(problem, account("frames")):
+        parts.append(doubt)
     return "; ".join([*parts, *log])
 
 
@@ -119,11 +122,15 @@ def _cause(
     if cause is Cause.posture:
         return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
     if cause is Cause.pose:
-        return notes.get("pose", "pose is not finite, far away or not a rigid motion")
+        return notes.get(
+            "pose", "pose is not finite, over 100 m away or not a rigid motion: is it in m?"
+        )
     if cause is Cause.twist:
         return notes.get("twist", "twist is not finite or huge")
     if cause is Cause.disabled:
         return notes.get("enable", "not enabled")
+    if cause is Cause.frames:
+        return frames_sentence(problem, account("frames"))
     if cause is Cause.robot:
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
