@@ -19,6 +19,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.check import Checker
+from ergoqp.simulation.check_ways import Ways
 from ergoqp.step.stepper import Stepper
 
 DT, STEP, FAR = 0.02, 1e-3, 2.5
@@ -298,3 +299,26 @@ def test_outside_of_all_regions_nothing_is_led() -> None:
         pose[:3, 3] = place
         inside = distances([EDGE, *NESTED], place[None]).min() < -1e-6
         assert np.any(np.array(way_of(pose))) == inside
+
+
+def test_step_and_checker_find_the_same_length_of_the_way() -> None:
+    """Two codes that share nothing, inside the workspace and outside, for some or all axes."""
+    rng, pose, found = np.random.default_rng(5), np.eye(4), []
+    while len(found) < 600:
+        made = random_scene(rng)
+        axes = tuple(axis for axis in "xyz" if rng.random() < 0.4) or ("y",)
+        try:
+            problem = scene(made[0] if made else [EDGE], axes=axes)
+        except ProblemError:  # nothing is left of the workspace
+            continue
+        way_of, checked = problem.way_out, Ways(problem)
+        if way_of is None:  # no axis of the object leads out
+            continue
+        for place in rng.uniform(-0.4, 1.4, (40, 3)):
+            pose[:3, 3] = place
+            told = np.array(way_of.function(pose)).ravel()
+            length = np.inf if told[4] else told[3]
+            assert length == pytest.approx(checked.length(place), abs=1e-6)
+            found.append(length)
+    kinds = [sum(np.isinf(found)), sum(np.array(found) == 0), sum(np.isfinite(found))]
+    assert min(kinds) > 15
