@@ -73,7 +73,8 @@ def replay(
         stepper._call()
         if entry.get("instead"):  # the answer before was too late, and this one was sent
             steps.pop()
-        steps.append(stepper._answer(stepper._ready, notes, time.perf_counter()))
+        frame = (stepper._inputs["posture"].copy(), stepper._inputs["observed"].copy())
+        steps.append(stepper._answer(stepper._ready, notes, time.perf_counter(), frame))
     return steps
 
 
