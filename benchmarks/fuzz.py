@@ -17,7 +17,8 @@ it is a lie. Figures:
     done: in every step, every call of `Stepper.brake` and every stop (`fuzz_judge.Sent`). The
     object itself, moved by a robot within its declaration, is followed on its whole way
     (`fuzz_world`): what is inside its workspace and its tool cone stays inside, what is outside
-    comes no further out. From a tenth of the steps it is really braked down by a clone of the loop,
+    comes no further out, and what is outside of a region to keep out of never gets into it
+    (`fuzz_regions`). From a tenth of the steps it is really braked down by a clone of the loop,
     at regular and uneven periods, with and without the one hold that is declared (`fuzz_object`).
     Only where nobody sent it (another pose is given, the loop takes over a moving object, a robot
     disobeys, a period was longer than may be) may it be as far outside as braking forces from
@@ -40,7 +41,7 @@ it is a lie. Figures:
     with it can add, at most 1.5 h u and a (h dt + h^2 / 8). A twist is possible if on the way
     through both, and on the circle that the tool's axis turns on, every row of workspace and cone,
     and every joint by the model, stays inside, or at least no further outside than it is, or than
-    braking leads by the same law.
+    braking leads by the same law. Problems with regions to keep out of do not count here.
 ``reasons_wrong`` steps whose status or sentence does not fit: a wrong input that is not ``invalid``
     or not named, a usable one refused, a joint or limit outside that is not named, or one named
     that is inside, ``recovering`` for what does not come back; a robot that is blamed and does what

@@ -428,7 +428,7 @@ class Loop:
         if step.status not in _BRAKES:
             self._tally.judged += 1
             self._tally.answered += 1
-        elif self._law.another_way(
+        elif self._problem.way_out is None and self._law.another_way(
             posture, seen, step.locked, step.pose, dt, self._dice, self._presumed
         ):
             self._tally.judged += 1

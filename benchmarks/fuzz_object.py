@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.fuzz_judge import Law, Sent, Tally
+from benchmarks.fuzz_regions import Regions
 from benchmarks.fuzz_world import TrueObject, Way
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
@@ -19,6 +20,9 @@ from ergoqp.step.stepper import Stepper
 
 _ALLOWED: Final = 1e-8
 """Rounding of a place [m, rad]."""
+
+_KEPT: Final = 1e-6
+"""Tolerance of a region [m]."""
 
 _ALLOWED_LATE: Final = (1e-5, float(np.radians(0.01)))
 """What is taken for inside of robots that are late: turns are put together in parts [m, rad]."""
@@ -53,7 +57,7 @@ class ObjectJudge:
             tally,
             dice,
         )
-        self._stepper = stepper
+        self._stepper, self._regions = stepper, Regions(problem)
         robot = problem.robot
         self._late = bool(robot.delay or robot.lag or robot.pose_delay)
         # A short history cannot hold two much shorter periods, one after the other.
@@ -91,6 +95,10 @@ class ObjectJudge:
             else _ALLOWED
         )
         self._tolerance = late + self.rows.reach(undeclared)
+        # In which regions the object may be, because nobody sent it there.
+        self._within = np.zeros(len(self._regions.names), dtype=bool)
+        self._spared = (_ALLOWED_LATE[0] if self._late else _ALLOWED) + _KEPT
+        self._spared += float(np.linalg.norm(undeclared[:3]))
 
     def appear(self, measured: np.ndarray) -> None:
         """Be where nobody sent it (4, 4), as it is measured."""
@@ -125,14 +133,17 @@ class ObjectJudge:
         self._loose, kept, usual = False, self._stepper.state(), self._problem.dt
         here = self.rows.outside(self.world.pose)
         self._stepper.restore(state)
-        worst, end = self._brake_down(
+        way, end = self._brake_down(
             self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced"
         )
+        worst = self.rows.worst(way)
         self._stepper.restore(kept)
         held = self._problem.robot.longest_hold * np.maximum(
             np.abs(sent.twist), np.abs(self._law.planned)
         )
         apart = self.rows.reach(self._law.apart(usual) + held)
+        beside = float(np.linalg.norm((self._law.apart(usual) + held)[:3]))
+        self._within = self._regions.met(way, beside)
         farthest = np.maximum(worst + np.where(worst > here + _ALLOWED, apart, 0), end + apart)
         self._least = np.maximum(farthest, 0)
 
@@ -143,15 +154,19 @@ class ObjectJudge:
         """
         if self.world is None:
             return
-        worst = self.rows.worst(self.world.send(twist, seconds))
+        way = self.world.send(twist, seconds)
+        worst = self.rows.worst(way)
         late = seconds > 1.001 * self._problem.longest_period
         if late or not self.obeys:
             # Where a robot that disobeys leads the object is not the step's, nor where a late call
             # does; from then on, it is.
             self._least = np.maximum(self._least, worst)
+            self._within |= self._regions.met(way, _KEPT)
             self._loose |= late
         self._judge(worst, kind, where, what)
+        self._judge_regions(way, kind, where, what)
         if self.obeys and self.world.at_rest:
+            self._within &= self._regions.depths(self.world.pose[:3, 3]) > -_KEPT
             self._least = np.minimum(self._least, np.maximum(self.rows.outside(self.world.pose), 0))
             self.can_hold = True
 
@@ -179,16 +194,18 @@ class ObjectJudge:
             return
         self._tally.stops += 1
         here, world = self.rows.outside(self.world.pose), self.world.copy()
-        worst = here
+        before: Way = []
         if self.can_hold and robot.longest_hold and self._dice.random() < 0.5:
-            worst = self.rows.worst(world.send(twist, robot.longest_hold))
+            before = world.send(twist, robot.longest_hold)
         # Not shorter than the loop's on average.
         periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[
             self._dice.integers(self._uneven if even else 2)
         ] * 3
         way, end = self._brake_down(world, sent.copy(), [usual * x for x in periods], where)
-        worst = np.maximum(worst, way)
+        way = [*before, *way]
+        worst = np.maximum(here, self.rows.worst(way))
         self._judge(worst, "stop: ", where, f"periods {periods[:3]}, {what}")
+        self._judge_regions(way, "stop: ", where, f"periods {periods[:3]}, {what}")
         # What comes in stays in, but for what other periods do.
         apart = self.rows.reach(self._law.apart(3 * usual))
         inward = (worst <= here + 1e-12) & (end < here - apart)
@@ -205,13 +222,22 @@ class ObjectJudge:
             # One example is enough.
             self._loose = True
 
+    def _judge_regions(self, way: Way, prefix: str, where: str, what: str) -> None:
+        """Judge that a way leads into no region that the object was not in.
+
+        How it comes out of one is judged by the tests, `tests/limits/test_way_out.py`.
+        """
+        for i in np.flatnonzero(self._regions.met(way, -self._spared) & ~self._within):
+            self._tally.wrong("unsafe", f"{prefix}into a region", where, f"region {i}: {what}")
+            self._within[i] = self._loose = True
+
     def _brake_down(
         self, world: TrueObject, sent: Sent, periods: list[float], where: str
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[Way, np.ndarray]:
         """Brake down to rest; the last three periods are taken in turns.
 
         Returns:
-            How far outside it is at worst on the way, and in the end (k,).
+            The way, and how far outside the object is in the end (k,).
         """
         state, passed, number = self._stepper.state(), 0.0, 0
         way: Way = [(world.pose, np.zeros(6))]
@@ -233,4 +259,4 @@ class ObjectJudge:
             way += world.send(step.twist, dt)
             passed, number = passed + dt, number + 1
         self._stepper.restore(state)
-        return self.rows.worst(way), self.rows.outside(world.pose)
+        return way, self.rows.outside(world.pose)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.fuzz_regions import random_regions
 from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
@@ -29,10 +30,27 @@ def problem_of(number: int, rng: Rng) -> Problem:
     kinds = 2 * (len(TASKS) + 5)
     slot, declared = number % kinds // 2, number % 2
     robot = random_robot(rng) if declared else DeclaredRobot()
-    problem = load_problem(TASKS[slot]) if slot < len(TASKS) else random_problem(rng, robot)
+    if slot < len(TASKS):
+        problem = load_problem(TASKS[slot])
+        if rng.random() < 0.3:
+            problem = _with_regions(problem, rng)
+    else:
+        problem = random_problem(rng, robot)
     return (
         problem.replace(robot=robot, name=f"{problem.name} with a robot") if declared else problem
     )
+
+
+def _with_regions(problem: Problem, rng: Rng) -> Problem:
+    """Return a problem with regions to keep out of, some of them where the object begins."""
+    response: Any = problem.response
+    middle = np.array(response.contact()(response.comfort)[0])[:3, 3]
+    while True:
+        try:
+            kept = random_regions(rng, middle, list(problem.limits))
+            return problem.replace(limits=[*problem.limits, *kept])
+        except ErgoqpError:
+            continue
 
 
 def random_robot(rng: Rng) -> DeclaredRobot:
@@ -99,6 +117,8 @@ def _mutated(problem: Problem, rng: Rng, robot: DeclaredRobot) -> Problem:
             size=3
         )
         limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
+    if rng.random() < 0.4:
+        limits += random_regions(rng, middle[:3, 3], limits)
     recover = bool(rng.random() < 0.2)
     limits.append(
         JointLimit(

@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.fuzz_inputs import Call
 from benchmarks.fuzz_judge import Joints, Tally
+from benchmarks.fuzz_regions import Regions
 from benchmarks.fuzz_robot import RobotReckoning
 from benchmarks.fuzz_world import HardRows
 from ergoqp.joints import JOINTS, spoken
@@ -20,6 +21,7 @@ LATCHED: Final = "until a pose is measured"
 _OF_ROBOT: Final = ("robot:", "comes to rest before it moves again", LATCHED)
 _OF_STEP: Final = ("no twist but braking keeps every limit", "the QP was not solved")
 SHORT: Final = "much shorter than the loop"
+_NO_WAY: Final = "no straight way leads from there"
 _UNMEASURED: Final = "no pose, and the robot is declared"
 
 
@@ -29,6 +31,7 @@ class ReasonJudge:
     def __init__(self, problem: Problem, rows: HardRows, joints: Joints, tally: Tally) -> None:
         """Keep what it goes by."""
         self._problem, self._rows, self._joints, self._tally = problem, rows, joints, tally
+        self._regions = Regions(problem)
         noise = problem.robot.pose_noise, np.radians(problem.robot.pose_noise_deg)
         self._noise = np.array([noise[int(name == "tool axis")] for name in rows.names])
 
@@ -80,6 +83,9 @@ class ReasonJudge:
             wrong("the robot is blamed")
         known = [*call.causes, *(_OF_ROBOT if robot.may else ()), *_OF_STEP]
         known += [SHORT] * short + [_UNMEASURED] * unmeasured
+        depths = self._regions.depths(step.pose[:3, 3])
+        if depths.size and max(depths.max(), *self._rows.outside(step.pose), 0) > 1e-6:
+            known.append(_NO_WAY)
         if step.status == "invalid" and not call.invalid:
             wrong("usable input refused")
         for part in reason.split("; "):
@@ -107,9 +113,14 @@ class ReasonJudge:
         for name, amount in zip(self._rows.names, far, strict=True):
             if amount > 2e-6 and name not in reason:
                 wrong("workspace outside not named", f"{name} {amount:.2g}")
+        depths = self._regions.depths(step.pose[:3, 3])
+        for name, depth in zip(self._regions.names, depths, strict=True):
+            if depth > 2e-6 and name not in reason:
+                wrong("region not named", f"{name} {depth:.2g}")
         if step.status in ("settled", "relaxed", "recovering") and not reason:
             wrong("no reason")
         if step.status == "recovering":
             back = np.any((out > -1e-9) & self._joints.may_return) or np.any(far > self._noise)
+            back |= bool(np.any(depths > 0))
             if "coming back" not in reason or not back:
                 wrong("recovering from what", f"{far}")

@@ -193,9 +193,10 @@ class RobotReckoning:
             np.minimum(self._low, self._apart),
             np.maximum(self._high, self._apart),
         )
-        # Whatever the robot may owe, not do, or do on for once, in any direction.
-        slow = (
-            2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag)
+        # Whatever the robot may owe, not do, or do on for once. Which way it held on is unknown: a
+        # hold along an axis and one against it both count.
+        slow = 2 * (
+            (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag)
             + robot.longest_hold
         )
         alone = robot.longest_hold and not (robot.delay or robot.lag or robot.pose_delay)

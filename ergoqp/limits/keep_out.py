@@ -248,9 +248,17 @@ class KeepOut:
         """Return None: nothing is computed beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row, of the half-space that touches the region nearest to the object."""
+        """Return the one row, of the half-space that touches the region nearest to the object.
+
+        Inside a region of the package, it is the half-space at the end of the way out, see
+        `ergoqp.limits.way_out`.
+        """
         ahead = situation.ahead[:3]
         distance, direction = self.region.nearest(situation.pose[:3, 3] - ahead)
+        if (way := situation.readings.get(self.name)) is not None:
+            inside = way[3] > 0
+            direction = ca.if_else(inside, way[:3], direction)
+            distance = ca.if_else(inside, -way[3], distance)
         distance += ca.dot(direction, ahead)
         matrix = ca.SX(1, 6)
         matrix[0, :3] = direction.T

@@ -19,9 +19,11 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import KeepOut, Limit, TwistLimit, WorkspaceBox
 from ergoqp.limits.own_rows import OwnLimits
 from ergoqp.limits.stop import Stop
+from ergoqp.limits.way_out import WayOut
 from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.room import no_room
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.options import check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -31,6 +33,10 @@ _AVERAGE: Final = 0.05
 
 _NARROWEST: Final = 1e-5
 """Smallest width of a workspace: no object is measured or held more exactly [m]."""
+
+
+_ROOM: Final = 1e-3
+"""Distance from the ends of the workspace that a way out of a region leads to [m]."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +103,8 @@ class Problem:
                 f"limits: got more than one row named {', '.join(doubled)}, allowed one each{hint}"
             )
         self._check_room()
+        if nowhere := no_room(self.limits, self.response):
+            raise ProblemError(f"limits: {nowhere}")
         self.own_limits.judge()
 
     @property
@@ -129,6 +137,13 @@ class Problem:
     def own_limits(self) -> OwnLimits:
         """The limits that are judged by their rows only, see `ergoqp.limits.own_rows`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
+
+    @cached_property
+    def way_out(self) -> WayOut | None:
+        """The way out of regions to keep out of, or None without a region that can be left."""
+        box, moves = self.limit_of(WorkspaceBox), self.twist_limit.speed[:3] > 0
+        room = self._rises + _ROOM
+        return WayOut.of(self.row_limits, box, room, moves, self.robot.noise[:3])
 
     @cached_property
     def stop(self) -> Stop:
@@ -217,13 +232,17 @@ class Problem:
                     f" {stance}"
                 )
 
+    @property
+    def _rises(self) -> np.ndarray:
+        """Distance (3,) from an end that a mean may need for its rise [m]."""
+        return np.array(self.stop.most(self.dt))[:3, 0] if self.average else np.zeros(3)
+
     def _check_room(self) -> None:
         """Check that the workspace leaves room to move and stop along the object's movable axes."""
         box = self.limit_of(WorkspaceBox)
         if box is None:
             return
-        rises = np.array(self.stop.most(self.dt))[:3, 0] if self.average else np.zeros(3)
-        for axis, rise in enumerate(rises.tolist()):
+        for axis, rise in enumerate(self._rises.tolist()):
             width, least = (
                 box.upper[axis] - box.lower[axis],
                 max(_NARROWEST, rise) + 2 * self.robot.pose_noise,

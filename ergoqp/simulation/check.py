@@ -32,6 +32,7 @@ from ergoqp.limits import (
     WorkspaceBox,
 )
 from ergoqp.problem.problem import Problem
+from ergoqp.simulation.check_ways import Ways
 
 _ALLOWED = 1e-8
 """Excess that counts as rounding, not as a violation, in every unit."""
@@ -93,6 +94,7 @@ class Checker:
         units |= {
             name: limit.unit for limit in self.problem.own_limits.limits for name in limit.names
         }
+        self._ways = Ways(self.problem)
         self._least_out: dict[str, np.ndarray] = {}
         self._last: tuple[np.ndarray, float] = (np.zeros(6), self.problem.dt)
         self.units = units
@@ -210,12 +212,7 @@ class Checker:
         found, own = {}, self.problem.own_limits
         for limit in own.limits:
             if limit.hard:
-                nowhere = np.zeros(len(self.problem.coordinates))
-                before, behind = (
-                    -own.margins(limit, nowhere, frame) if inside is None else np.array([inside])
-                    for frame in (pose, after)
-                    for inside in (_inside(limit, frame[:3, 3]),)
-                )
+                before, behind = self._outside_own(limit, pose, after)
                 further = [
                     self._further_out(name, *ends)
                     for name, *ends in zip(
@@ -235,6 +232,22 @@ class Checker:
                 if limit.hard or name not in gave_way
             }
         return found
+
+    def _outside_own(self, limit: Limit, *poses: np.ndarray) -> list[np.ndarray]:
+        """Return how far outside each row of a hard limit of the user's own is (m,), at each pose.
+
+        An object that was and is in a region of the package counts by the length of the way out, if
+        there is one.
+        """
+        nowhere = np.zeros(len(self.problem.coordinates))
+        depths = [_inside(limit, pose[:3, 3]) for pose in poses]
+        known = [depth for depth in depths if depth is not None]
+        if len(known) < len(depths):
+            return [-self.problem.own_limits.margins(limit, nowhere, pose) for pose in poses]
+        if min(known) > _ALLOWED:
+            lengths = [self._ways.length(pose[:3, 3]) for pose in poses]
+            known = lengths if np.isfinite(lengths).all() and min(lengths) > 0 else known
+        return [np.array([depth]) for depth in known]
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
         """Return how much further outside the posture is than it was; 0 inside."""

@@ -5,18 +5,14 @@ It is found in a fraction of a second.
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.room import PLACES, no_start
 from ergoqp.simulation.best_place import TURNS, tilted_frames
 from ergoqp.simulation.people.person import Person
-
-PLACES = 40
-"""Number of places that are tried."""
 
 _EDGE = 0.02
 """Distance from the ends of the workspace [m], because the hand rests slightly off the object."""
@@ -77,10 +73,6 @@ def awkward_place(
             found.append(pose)
             postures.append(posture)
     if not postures:
-        words = ", ".join(f"{count} {note}" for note, count in sorted(Counter(notes).items()))
-        raise OutOfReachError(
-            f"problem {problem.name}: none of {places} places of the workspace can be a start"
-            f" ({words}); enlarge the workspace or loosen the limits"
-        )
+        raise OutOfReachError(f"problem {problem.name}: {no_start(notes)}")
     worst = int(np.argmax(problem.assess(np.array(postures)).final))
     return found[worst], postures[worst]

@@ -16,6 +16,7 @@ from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer.accounting import account_function
+from ergoqp.step.answer.causes import Cause
 from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.inputs import INPUTS, OUTPUTS, read_inputs
@@ -111,17 +112,23 @@ def build_step(
     known = read_inputs(model, state | raw, found, shape)
     watched = watch(model, known, shape)
     known |= {name: watched.pop(name) for name in ("causes", "astray")}
+    known |= by_name(model.readings, known)
+    way = model.way_out(known["readings"])
+    if way is not None:
+        known["causes"] += 2.0**Cause.no_way_out * is_set(way[4])
     known["usable"] = ca.logic_not(is_set(known["causes"]))
     known |= landing(model, found, known, shape)
 
     # The QP and its answer.
     known |= by_name(cost_function(model), known)
-    known |= by_name(model.readings, known)
     known["asks"] = still_asks(state["asked"]) if model.asks_back else ca.MX(1)
     known |= by_name(shape(away_function(model)), known)
     known["stalled"] = stalled(state["rest"])
     if guided:
         known |= by_name(pull_function(model), known)
+        if way is not None:
+            pulls = way[3] <= 0
+            known |= {name: pulls * known[name] for name in ("pull_H", "pull_g")}
     known |= solve_passes(model, solver, known, shape)
 
     # The part of the answer that is certified and sent.

@@ -167,14 +167,23 @@ class StepModel:
 
     @cached_property
     def readings(self) -> ca.Function:
-        """``posture -> readings (r,)``: the readings of all limits, stacked.
+        """``(posture, pose) -> readings (r,)``: the readings of all limits, stacked.
 
-        They are computed once per step, at the measured posture.
+        They are computed once per step, at the measured posture. The way out of regions comes last,
+        from the present pose.
         """
-        posture = ca.MX.sym("posture", len(self.problem.coordinates))
+        posture, pose = ca.MX.sym("posture", len(self.problem.coordinates)), ca.MX.sym("pose", 4, 4)
         measured = [measure(posture) for _, measure in self.measures]
+        if self.problem.way_out is not None:
+            measured.append(self.problem.way_out.function(pose))
         readings = ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)
-        return ca.Function("readings", [posture], [readings], ["posture"], ["readings"])
+        names = ["posture", "pose"]
+        return ca.Function("readings", [posture, pose], [readings], names, ["readings"])
+
+    def way_out(self, readings: Expression) -> Expression | None:
+        """Return the entries of the readings that `ergoqp.limits.way_out` gives, or None."""
+        way = self.problem.way_out
+        return None if way is None else readings[readings.numel() - way.size :]
 
     def situation(
         self,
@@ -203,7 +212,7 @@ class StepModel:
             "sensitivity": S,
             "swing": swing,
             "change": change,
-            "readings": self._by_limit(known["readings"]),
+            "readings": self.by_limit(known["readings"]),
             "surface": self.problem.surface,
         }
         if "landed" not in known:
@@ -226,13 +235,15 @@ class StepModel:
             **where,
         )
 
-    def _by_limit(self, readings: Expression) -> dict[str, Expression]:
+    def by_limit(self, readings: Expression) -> dict[str, Expression]:
+        """Return the readings of each limit, by the name of its first row."""
         found, start = {}, 0
         for limit, measure in self.measures:
             size = measure.numel_out(0)
             found[limit.names[0]] = readings[start : start + size]
             start += size
-        return found
+        way = self.problem.way_out
+        return found if way is None else found | way.of_limits(self.way_out(readings))
 
 
 def stand_in(problem: Problem) -> np.ndarray:

@@ -15,7 +15,7 @@ from step_samples import problem_of
 import ergoqp
 from ergoqp.errors import InputError, OutOfReachError, ProblemError
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
@@ -210,7 +210,8 @@ def test_the_half_space_is_that_of_where_the_object_is_and_not_where_it_lands() 
     comfort = problem.response.comfort  # type: ignore[attr-defined]
     pose = np.array(problem.response.contact()(comfort)[0])
     total = np.array([0.03, -0.02, 0.04, 0.0, 0.1, 0.0])
-    landed, rows, _ = (np.array(part) for part in _hard_rows(model)(pose, total, np.zeros(7)))
+    found = _hard_rows(model)(pose, total, 0, np.zeros(7))
+    landed, rows, _ = (np.array(part) for part in found)
     np.testing.assert_allclose(landed[:3, 3], pose[:3, 3] + total[:3])
     away = pose[:3, 3] - half_way()
     row = rows[model.under_way.names.index("keep out")]
@@ -250,7 +251,11 @@ def test_the_best_place_is_out_of_the_region() -> None:
 
 def test_a_region_that_leaves_no_place_is_named() -> None:
     problem = problem_of("screwing")
-    everywhere = problem.replace(limits=[*problem.limits, KeepOut(Ball((0, 0, 1), 5))])
+    # All but a far part of the workspace, which only the tallest might reach.
+    box = WorkspaceBox((0.25, -0.55, 0.7), (1.8, 0.35, 1.75))
+    others = [each for each in problem.limits if not isinstance(each, WorkspaceBox)]
+    near = KeepOut(Box((0, -1, 0), (1.7, 1, 2)))
+    everywhere = problem.replace(limits=[*others, box, near])
     with pytest.raises(
         OutOfReachError, match=r"can be a start \((\d+ out of reach, )?\d+ in keep out"
     ):

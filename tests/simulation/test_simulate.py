@@ -255,7 +255,8 @@ class TestAwkwardStart:
             awkward_start(problem.replace(limits=limits), sample_person(problem, 0), 0)
 
     def test_nowhere_to_reach(self, problem):
-        box = WorkspaceBox((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))
+        # Only a tall person with long arms could.
+        box = WorkspaceBox((1.7, -0.1, 1.0), (1.8, 0.1, 1.1))
         limits = [box if isinstance(limit, type(box)) else limit for limit in problem.limits]
         with pytest.raises(InputError, match="none of 3 places of the workspace can be a start"):
             awkward_start(problem.replace(limits=limits), sample_person(problem, 0), 0, places=3)

@@ -26,10 +26,10 @@ import ergoqp.step.stepper
 from ergoqp.errors import InputError
 from ergoqp.expressions.linear import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
+from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.own_rates import OwnRates
 from ergoqp.simulation.robot import moved
-from ergoqp.solvers import installed_solvers
+from ergoqp.solvers import installed_solvers, solver_named
 from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
 from ergoqp.step.program.asked_back import asked_update
@@ -316,7 +316,7 @@ def test_a_flag_is_set_beyond_one_half() -> None:
 
 
 def test_every_cause_is_a_bit_of_its_own() -> None:
-    assert [cause.value for cause in Cause] == list(range(16))
+    assert [cause.value for cause in Cause] == list(range(17))
     assert [status.value for status in Status] == list(range(6))
 
 
@@ -1120,3 +1120,34 @@ def test_an_unknown_solver_is_refused() -> None:
 def test_in_the_middle_of_the_cone_its_row_does_not_hold_the_object_back() -> None:
     q = near_comfort("screwing", np.random.default_rng(0))
     assert "tool axis" not in stepper_of("screwing").step(q, held_pose("screwing")).active
+
+
+@pytest.mark.parametrize("average", [0.0, 0.05])
+@pytest.mark.parametrize("unrolled", [False, True])
+@pytest.mark.parametrize(
+    ("axis", "row", "outside"),
+    [
+        ("x", AxisCone((1.0, 0.0, 0.0), 35.0), "tool axis by 0.96"),
+        ("rz", WorkspaceBox((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)), "workspace x by 1"),
+    ],
+)
+def test_a_problem_whose_rows_no_twist_can_move_steps_and_names_the_row_that_is_outside(
+    average: float, unrolled: bool, axis: str, row: Any, outside: str
+) -> None:
+    # The cone is about turns and the object only shifts. The box is about shifts and it only turns.
+    base = problem_of("screwing")
+    problem = base.replace(
+        limits=[TwistLimit(axes=(axis,)), row], control=replace(base.control, average=average)
+    )
+    function = build_step(problem, solver_named("daqp"), unrolled=unrolled)
+    assert function.size_out("multipliers") == (len(row.names), 1)
+    stepper, pose = Stepper(problem), np.eye(4)
+    step = stepper.step(base.response.comfort, pose=pose)
+    assert (step.status, step.reason) == ("optimal", "")
+    moves = problem.twist_limit.speed > 0
+    assert step.twist[moves].all()
+    assert not step.twist[~moves].any()
+    pose[:3, :3], pose[0, 3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 2.0
+    stepper.reset()
+    step = stepper.step(base.response.comfort, pose=pose)
+    assert step.reason == f"{outside}, and the object cannot move it"

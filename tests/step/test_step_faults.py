@@ -91,17 +91,17 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
     )
     said = {kind: fault_sentence(kind, 0.25) for kind in Fault}
     assert said[Fault.none] == ""
-    entry = "; if it always does, declare [robot] "
-    assert said[Fault.factor] == f"robot: moves 0.25 times what was sent{entry}gain_error"
-    assert said[Fault.late] == f"robot: late by 250 ms{entry}delay, lag"
+    entry = " (if it always does, declare [robot] "
+    assert said[Fault.factor] == f"robot: moves 0.25 times what was sent{entry}gain_error)"
+    assert said[Fault.late] == f"robot: late by 250 ms{entry}delay, lag)"
     assert said[Fault.pose_jumps] == "robot: pose jumps by 250 mm"
     assert said[Fault.pose_turns] == "robot: pose jumps by 14.3 deg"
     # Noise is rounded up, so that a little more of it is the same sentence.
     assert fault_sentence(Fault.position_scatters, 0.0011) == (
-        f"robot: the measured position scatters by 2 mm at rest{entry}pose_noise = 0.002"
+        f"robot: the measured position scatters by 2 mm at rest{entry}pose_noise = 0.002)"
     )
     assert fault_sentence(Fault.orientation_scatters, np.radians(0.34)) == (
-        f"robot: the measured orientation scatters by 0.5 deg at rest{entry}pose_noise_deg = 0.5"
+        f"robot: the measured orientation scatters by 0.5 deg at rest{entry}pose_noise_deg = 0.5)"
     )
     assert fault_sentence(Fault.position_scatters, 0.002) == fault_sentence(
         Fault.position_scatters, 0.0011
@@ -111,5 +111,5 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
         assert fault_sentence(Fault.factor, amount) == "robot: drifts from what was sent"
     for amount in (0.994, 1.006):
         assert fault_sentence(Fault.factor, amount).startswith(
-            f"robot: moves {amount:.3g} times what was sent; if"
+            f"robot: moves {amount:.3g} times what was sent (if"
         )

@@ -339,7 +339,7 @@ def test_a_robot_that_is_faster_than_sent_stays_within_its_speed_and_is_named() 
         assert braked > 30
         assert loop.faults()
         assert all(
-            re.fullmatch(r"robot: moves 1(\.\d+)? times what was sent", fault)
+            re.fullmatch(r"robot: moves 1(\.\d+)? times what was sent \(.*gain_error\)", fault)
             for fault in loop.faults()
         ), loop.faults()
 
@@ -371,22 +371,25 @@ def test_a_knee_that_is_read_beyond_its_range_drives_nothing() -> None:
 
 
 @pytest.mark.parametrize("moves_first", [0, 60])
-def test_without_a_pose_the_reported_twist_of_a_stalled_robot_says_where_it_is(
+def test_without_a_pose_a_stalled_robot_that_reports_its_twist_is_no_further_off_than_counted(
     moves_first: int,
 ) -> None:
-    """Its pose was that of what had been sent: 43 mm off for good. It is named, and the object
-    starts from rest only.
-
-    Until it is told from noise the object is taken to be further on than it is, but no more than
-    that.
-    """
-    loop, furthest = Loop(RobotKind()), 0.0
+    """It is named, and the object rests until its pose is measured. From the fault on, where it
+    really is lies within what the limits count."""
+    loop, apart = Loop(RobotKind()), 0.0
     for number in range(moves_first + 200):
         step = loop.step(pose=number == 0, twist=number > 0, stalls=number >= moves_first)
-        furthest = max(furthest, float(np.linalg.norm(step.pose[:3, 3] - loop.at[:3, 3])))
+        if loop.faults():
+            off, counted = loop.at[:3, 3] - step.pose[:3, 3], step.account("astray")
+            assert np.all(off <= counted[:3] + 1e-9)
+            assert np.all(-off <= counted[3:6] + 1e-9)
+            apart = max(apart, float(np.linalg.norm(off)))
     assert "robot: stands still" in loop.faults()
-    assert furthest <= 12e-3
-    assert np.linalg.norm(step.pose[:3, 3] - loop.at[:3, 3]) <= 3e-3
+    assert apart > 1e-3
+    assert not step.twist.any()
+    step = loop.step(twist=True)
+    np.testing.assert_allclose(step.pose, loop.at, atol=1e-12)
+    assert not step.account("astray").any()
 
 
 def test_noise_of_a_twist_reported_at_the_first_step_does_not_hide_a_stalled_robot() -> None:
@@ -421,9 +424,10 @@ def test_a_stalled_robot_is_named_comes_to_rest_and_starts_again_from_rest_only(
     assert not twists[-1].any()
     rest = next(number for number in range(named, len(twists)) if not np.any(twists[number:]))
     assert all("robot: stands still" in reason for reason in loop.reasons[named:])
-    # Now it follows again: half a second after rest at the earliest, and from rest.
-    for _ in range(150):
-        twists.append(loop.step(pose=pose, twist=not pose).twist)
+    # Now it follows again: half a second after rest at the earliest, from rest, and once somebody
+    # says where it is.
+    for number in range(150):
+        twists.append(loop.step(pose=pose or number == 0, twist=not pose).twist)
     again = next(number for number in range(rest, len(twists)) if np.any(twists[number]))
     assert again >= rest + 50
     assert np.all(np.abs(twists[again]) <= limit.acceleration * 0.01)

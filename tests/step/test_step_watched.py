@@ -409,7 +409,7 @@ def test_noise_that_is_not_declared_has_one_sentence_with_what_to_declare(
     assert reason.startswith("robot: the measured ")
     assert len(set(reasons)) <= 4
     # What it names is enough, and no more than five times the noise.
-    name, value = reason.split("[robot] ")[1].split(" = ")
+    name, value = reason.split("[robot] ")[1].rstrip(")").split(" = ")
     true = {"pose_noise": 1e-3 * mm, "pose_noise_deg": deg}[name]
     assert true <= float(value) <= 5 * true
     declared = {"pose_noise": 2e-3 * mm, "pose_noise_deg": 2 * deg} | {name: float(value)}

@@ -54,8 +54,8 @@ def account_function(model: StepModel) -> ca.Function:
     tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
     # Slack of a row on the object side only means that the QP asked for more than needed, because
     # the certification is exact there.
-    held = now[movable] >= -tolerance[movable] if movable else now
-    used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
+    held = now[movable, 0] >= -tolerance[movable, 0]
+    used = largest(soft[movable, 0] * known["slack"] * held) > 10 * TOLERANCE
     given = known | {"used": used, "any_outside": largest(known["outside"])}
     found = by_name(_close_function(model), given)
     twist = found["twist"]
@@ -133,7 +133,7 @@ def _close_function(model: StepModel) -> ca.Function:
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
     """Return the values of the movable rows in their places among all rows; the others are zero."""
     places = [movable.index(row) if row in movable else len(movable) for row in range(count)]
-    return ca.vertcat(values, 0)[places] if count else ca.MX(0, 1)
+    return ca.vertcat(values, 0)[places, 0] if count else ca.MX(0, 1)
 
 
 def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:

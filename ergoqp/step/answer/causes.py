@@ -42,3 +42,4 @@ class Cause(IntEnum):
     long_period = 14
     short_periods = 15
     latched = 16
+    no_way_out = 17

@@ -147,11 +147,30 @@ def _cause(
             f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
             "the longest hold of the robot"
         ),
+        Cause.no_way_out: _no_way_out(problem, account("margins")),
         Cause.short_periods: (
             f"the last periods were much shorter than the loop's {problem.dt:g} s: "
             "give the stepper its own dt"
         ),
     }[cause]
+
+
+def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
+    """Return where the object is that no straight way leads out of."""
+    found = [
+        f"{getattr(limit, 'breach', 'outside')} {name}"
+        for limit, name, margin in zip(
+            (limit for limit in problem.row_limits for _ in limit.names),
+            problem.row_names,
+            margins,
+            strict=True,
+        )
+        if limit.hard and margin < -limit.tolerance
+    ]
+    return (
+        f"the object is {' and '.join(found)}, and no straight way leads from there to a place"
+        " where all limits hold: it rests until it is moved by hand"
+    )
 
 
 def _unmeasured(robot: DeclaredRobot) -> str:

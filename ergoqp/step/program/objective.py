@@ -11,10 +11,15 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import is_set
+from ergoqp.expressions.linear import dense, is_set
+from ergoqp.limits.way_out import WayOut
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
+from ergoqp.step.program.bounds import STEADY_RETURN
 from ergoqp.step.rest import HUNTING
+
+_LEADS: Final = 10.0
+"""Price of a speed other than that of the way out of a region [points/(m/s)^2]."""
 
 CAUTION_EPS: Final = 0.1
 """Offset that keeps the Gauss-Newton curvature finite where the cost is minimal."""
@@ -99,7 +104,8 @@ def objective(
 
     Args:
         model: model of the step.
-        known: ``total``, ``gradient``, ``previous``, ``dt`` and ``stalled`` of this step.
+        known: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled`` and ``readings`` of this
+            step.
         S: sensitivity (n, 6).
         E: contact motion that the posture cannot follow (k, 6).
 
@@ -124,10 +130,39 @@ def objective(
         + control.contact * (E.T @ E)
         + (ahead**2 / 2 / excess) * (slope @ slope.T)
     )
-    return (
-        H + ca.diag(effort * (1 + hesitates**2 + smoothing)),
-        ahead * slope - smoothing * effort * known["previous"],
-    )
+    H += ca.diag(effort * (1 + hesitates**2 + smoothing))
+    g = ahead * slope - smoothing * effort * known["previous"]
+    way, out = model.way_out(known["readings"]), problem.way_out
+    if way is None or out is None:
+        return H, g
+    H, g = _led_function(problem, out)(H, g, way[:4], known["previous"], known["dt"])
+    return H, g
+
+
+def _led_function(problem: Problem, out: WayOut) -> ca.Function:
+    """``(H, g, way (4,), previous, dt) -> (H, g)`` of an object that is led out of a region.
+
+    See `ergoqp.limits.way_out`. Only its turning is left to the cost, or the object would leave the
+    straight way. Its speed is that of every return from outside. Where no way is needed, nothing
+    changes.
+    """
+    acceleration = problem.twist_limit.linear_acceleration
+    names = ("H", "g", "way", "previous", "dt")
+    sx = [ca.SX.sym(name, *size) for name, size in zip(names, _LED_SIZES, strict=True)]
+    H, g, way, previous, dt = sx
+    # All axes speed up together, so that they keep to the way.
+    along = ca.fmax(ca.dot(way[:3], previous[:3]), 0)
+    pace = ca.fmin(ca.fmax(way[3] / out.recovery_time, STEADY_RETURN), along + acceleration * dt)
+    led_H, led_g = ca.SX(H), ca.SX(g)
+    led_H[:3, :], led_H[:, :3] = 0, 0
+    led_H[:3, :3] = _LEADS * ca.SX.eye(3)
+    led_g[:3] = -_LEADS * pace * way[:3]
+    led = way[3] > 0
+    outputs = dense([ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)])
+    return ca.Function("led", sx, ca.cse(outputs))
+
+
+_LED_SIZES: Final = ((6, 6), (6, 1), (4, 1), (6, 1), (1, 1))
 
 
 def gain_function(model: StepModel) -> ca.Function:

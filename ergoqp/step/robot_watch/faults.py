@@ -63,7 +63,7 @@ def fault_sentence(kind: int, amount: float) -> str:
         Fault.factor: f"robot: moves {amount:.3g} times what was sent{_entry('gain_error')}",
         Fault.another_axis: "robot: moves along another axis",
         Fault.unasked: "robot: moves although nothing was sent",
-        Fault.late: f"robot: late by {1e3 * amount:.2g} ms{_entry('delay, lag')}",
+        Fault.late: f"robot: late by {1e3 * amount:.0f} ms{_entry('delay, lag')}",
         Fault.pose_jumps: f"robot: pose jumps by {1e3 * amount:.3g} mm",
         Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",
         Fault.speed_jumps: "robot: speed jumps",
@@ -79,7 +79,7 @@ def fault_sentence(kind: int, amount: float) -> str:
 
 
 def _entry(name: str) -> str:
-    return f"; if it always does, declare [robot] {name}"
+    return f" (if it always does, declare [robot] {name})"
 
 
 def _rounded_up(amount: float) -> float:

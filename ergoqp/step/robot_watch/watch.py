@@ -45,6 +45,9 @@ CALM: Final = 0.5
 _WIDE: Final = 1e3
 """Larger than any difference [m, rad]."""
 
+_THIRD_ORDER: Final = 0.25
+"""Share of the parts of second order that covers all higher ones."""
+
 _AROUND: Final = 1.4
 """Where measured and sent turn are this far apart, they are compared anew from there [rad]."""
 
@@ -202,7 +205,11 @@ def _compared(model: StepModel) -> ca.Function:
         if robot.owes:
             block["area"] = now["area"] + sent.T @ _area(now, done)
             drift = stretch**2 * block["area"]
-            below[3:], above[3:] = below[3:] + ca.fmax(drift, 0), above[3:] + ca.fmax(-drift, 0)
+            # One after the other, what is owed and this drift add up but for their cross product.
+            mixed = _mixed(ca.fmax(below[3:], above[3:]), drift) / 2
+            mixed += _THIRD_ORDER * (ca.fabs(drift) + mixed)
+            below[3:] += ca.fmax(drift, 0) + mixed
+            above[3:] += ca.fmax(-drift, 0) + mixed
             block["area"] = ca.if_else(now["started"], block["area"], 0)
     if robot.longest_hold and robot.owes:
         # Along any axis of a turn: it was somewhere on the way.
@@ -318,6 +325,12 @@ def _spread(turn: ca.SX, apart: ca.SX) -> ca.SX:
     """
     aside = ca.cross(apart, turn)
     return ca.fabs(turn) + ca.fabs(aside) / 2 + ca.fabs(ca.cross(apart, aside)) / 11
+
+
+def _mixed(one: ca.SX, other: ca.SX) -> ca.SX:
+    """Return the largest size of each entry of the cross product of turns (3,) of these sizes."""
+    a, b = ca.fabs(one), ca.fabs(other)
+    return ca.vertcat(*(a[i] * b[j] + a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))))
 
 
 def _held(robot: DeclaredRobot, leap: ca.SX, reach: ca.SX) -> ca.SX:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ProblemError
-from ergoqp.expressions.linear import Shape, by_name, vectors
+from ergoqp.expressions.linear import Shape, by_name, dense, vectors
 from ergoqp.expressions.rigid import shifted
 from ergoqp.limits import Situation
 from ergoqp.step.model import StepModel
@@ -28,8 +28,9 @@ def landing(
     Args:
         model: model of the step.
         found: the motion under way.
-        known: ``pose`` as measured, or as far as it is known (4, 4), and ``astray``: how far the
-            object may be from it, see `ergoqp.step.robot_watch.memory.ASTRAY`. If the declared
+        known: ``readings``; ``pose`` as measured, or as far as it is known (4, 4), and ``astray``:
+            how far the object may be from it, see `ergoqp.step.robot_watch.memory.ASTRAY`. If the
+            declared
             robot may be late also ``doubt``: how far the object may be behind this pose, along each
             axis and against it (6, 2) [m, rad].
         shape: how functions are written, see `ergoqp.expressions.linear`.
@@ -39,7 +40,7 @@ def landing(
     given = {name: part for name, part in found.parts.items() if name in _PARTS}
     if "doubt" in known:
         given["doubt"] = known["doubt"]
-    given["astray"] = known["astray"]
+    given |= {name: known[name] for name in ("astray", "readings")}
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     outputs = _counted(model, at, symbols)
@@ -53,7 +54,9 @@ _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn
 
 def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
     problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
-    landed, rows, off = _hard_rows(model)(pose, found["total"], found["astray"])
+    landed, rows, off = _hard_rows(model)(
+        pose, found["total"], found["readings"], found["astray"]
+    )
     done = rows @ found["twists"]
     # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)
@@ -172,13 +175,14 @@ def _hard_rows(model: StepModel) -> ca.Function:
     """Return the hard rows where the object lands.
 
     Returns:
-        Function ``(pose, displacement under way (6,), astray) -> (landed, matrices (h, 6), distance
-        (2 h,) that cannot be counted on, to the upper ends and then to the lower ones)``.
+        Function ``(pose, displacement under way (6,), readings, astray) -> (landed, matrices (h,
+        6), distance (2 h,) that cannot be counted on, to the upper ends and then to the lower
+        ones)``.
     """
     n, problem = len(model.problem.coordinates), model.problem
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
-    landed = shifted(pose, total)
+    landed, readings = shifted(pose, total), ca.SX.sym("readings", *model.size("readings"))
     situation = Situation(
         posture,
         ca.SX.ones(n),
@@ -186,12 +190,11 @@ def _hard_rows(model: StepModel) -> ca.Function:
         S,
         ca.SX(6, 1),
         ca.SX(6, 1),
+        readings=model.by_limit(readings),
         surface=problem.surface,
         ahead=total,
     )
-    rows = ca.densify(
-        ca.vertcat(*(limit.rows(situation).matrix for limit in model.under_way.limits))
-    )
+    rows = ca.vertcat(*(limit.rows(situation).matrix for limit in model.under_way.limits))
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
         names = ", ".join(model.under_way.names)
         raise ProblemError(
@@ -200,5 +203,5 @@ def _hard_rows(model: StepModel) -> ca.Function:
         )
     astray = ca.SX.sym("astray", ASTRAY)
     lost = ca.vertcat(*off_rows(rows, astray, model.under_way.tangents))
-    inputs = [pose, total, astray]
-    return ca.Function("hard_rows", inputs, [ca.densify(landed), rows, ca.densify(lost)])
+    inputs = [pose, total, readings, astray]
+    return ca.Function("hard_rows", inputs, dense([landed, rows, lost]))
