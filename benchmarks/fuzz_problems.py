@@ -15,6 +15,7 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
@@ -36,6 +37,8 @@ def problem_of(number: int, rng: Rng) -> Problem:
             problem = _with_regions(problem, rng)
     else:
         problem = random_problem(rng, robot)
+    # Postures and poses have nothing to do with each other.
+    problem = problem.replace(frames=Frames(compare=False))
     return (
         problem.replace(robot=robot, name=f"{problem.name} with a robot") if declared else problem
     )

@@ -23,9 +23,11 @@ from ergoqp.joints import JOINTS as JOINTS
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
     from ergoqp.costs.load import load_cost as load_cost
+    from ergoqp.identification.calibrate import calibrate_frames as calibrate_frames
     from ergoqp.identification.identify import identify as identify
     from ergoqp.placing.optimise import optimise as optimise
     from ergoqp.problem.control import Control as Control
+    from ergoqp.problem.frames import Frames as Frames
     from ergoqp.problem.problem import Problem as Problem
     from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.problem_files.load import load_problem as load_problem
@@ -44,11 +46,13 @@ if TYPE_CHECKING:
 _LATER = {
     "Control": "ergoqp.problem.control",
     "DeclaredRobot": "ergoqp.problem.robot",
+    "Frames": "ergoqp.problem.frames",
     "Problem": "ergoqp.problem.problem",
     "Seeker": "ergoqp.seeking.seeker",
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
     "benchmark_step": "ergoqp.step.timing",
+    "calibrate_frames": "ergoqp.identification.calibrate",
     "compare": "ergoqp.comparison.compare",
     "fit_postures": "ergoqp.recordings.load",
     "identify": "ergoqp.identification.identify",
@@ -69,12 +73,14 @@ __all__ = [
     "JOINTS",
     "Control",
     "DeclaredRobot",
+    "Frames",
     "Problem",
     "Seeker",
     "Step",
     "Stepper",
     "__version__",
     "benchmark_step",
+    "calibrate_frames",
     "compare",
     "errors",
     "fit_postures",

@@ -189,6 +189,11 @@ def check_kind(
         raise error(f"{what}: got {shown(value)}, allowed {allowed}")
 
 
+def of_package(*terms: Any) -> bool:
+    """Return whether the classes of all objects come with ergoqp, or with Python itself."""
+    return all(type(term).__module__.startswith(("ergoqp.", "builtins")) for term in terms)
+
+
 def object_of(given: type) -> str:
     """Return what is allowed in place of a class, in words."""
     return f"an object, not the class: {given.__name__}(...)"

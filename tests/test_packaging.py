@@ -161,6 +161,8 @@ def test_public_names():
         "reba",
         "replay",
         "DeclaredRobot",
+        "Frames",
+        "calibrate_frames",
         "optimise",
         "simulate",
         "step_function",

@@ -29,6 +29,7 @@ from ergoqp.limits import (
 from ergoqp.limits.limit import Rows, Situation, straight_margins
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.control import Control
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import IkResponse, LinearResponse
@@ -115,6 +116,7 @@ CHEAP: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "OneClassBoundary": (OneClassBoundary, {"model": 3}),
     "Control": (Control, {}),
     "DeclaredRobot": (DeclaredRobot, {}),
+    "Frames": (Frames, {}),
     "RobotKind": (RobotKind, {}),
     "Senses": (Senses, {}),
     "Body": (Body, {}),

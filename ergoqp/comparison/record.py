@@ -20,7 +20,7 @@ from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.loop import run_loop
+from ergoqp.simulation.loop import in_world, run_loop
 from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.starts import awkward_start
@@ -111,6 +111,7 @@ def record(
     """
     if steps < 1:
         raise InputError(f"steps: got {steps}, allowed 1 or more")
+    problem = in_world(problem)
     solver, log = RecordingSolver(), list[dict[str, Any]]()
     function, model = build_step(problem, solver), StepModel(problem)
     sizes = {name: model.size(name) for name in INPUTS}

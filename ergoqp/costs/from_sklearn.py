@@ -22,7 +22,7 @@ from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.reduce import Reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
-from ergoqp.learning.pipelines import affine, dense, unpack
+from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
 
 Array = NDArray[np.float64]
 
@@ -191,12 +191,14 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
 
     Args:
         estimator: the fitted estimator; the top of this file lists what can be read.
-        coordinates: names of its inputs, in its order.
+        coordinates: names of its inputs, in its order. If it was fitted with a table that names
+            its columns, the order of the table is taken.
         minimum: V_min, the lowest cost that a posture should have [points].
 
     Raises:
         ModelError: if the estimator, a kernel or a step cannot be read, it is not fitted, or
-            the number of inputs differs.
+            the number of inputs differs; if it was fitted to other columns than the coordinates,
+            or to degrees.
         MissingExtraError: if scikit-learn is not installed.
 
     Example:
@@ -209,13 +211,14 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
         >>> bool(np.allclose(cost.predict(x), estimator.predict(x)))
         True
     """
-    width = len(tuple(coordinates))
     if type(estimator).__name__ == "GaussianMixture":
         return Gmr.from_estimator(estimator, coordinates, minimum)
-    return SklearnCost(_model(*unpack(estimator, width)), coordinates, minimum)
+    parts = unpack(estimator, len(tuple(coordinates)))
+    names = named(estimator, coordinates)
+    return SklearnCost(_model(names, *parts), names, minimum)
 
 
-def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
+def _model(names: Sequence[str], mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
     """Return the prediction of an estimator from (x - mean) / scale."""
     kind = type(last).__name__
     if kind == "GaussianMixture":
@@ -226,9 +229,10 @@ def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
     if kind == "TransformedTargetRegressor":
         offset, factor = _target(last.transformer_)
         more, finer, inner = unpack(last.regressor_, len(mean))
-        return _model(mean + scale * more, scale * finer, inner).scaled(factor, offset)
+        return _model(names, mean + scale * more, scale * finer, inner).scaled(factor, offset)
     if kind not in _READERS:
         raise ModelError(f"estimator: got a {kind}, allowed {_ALLOWED}")
+    check_radians(names, last, mean, scale)
     return _READERS[kind](last, mean, scale)
 
 

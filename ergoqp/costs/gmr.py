@@ -25,6 +25,7 @@ from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 from ergoqp.learning.mixture_em import em, estimate, mixture_of
 from ergoqp.learning.mixture_regression import MixtureRegression, Prediction
+from ergoqp.learning.pipelines import check_radians, named
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -199,8 +200,10 @@ class Gmr(LearnedCost):
             ModelError: if it is not fitted, or has a wrong number of columns.
         """
         mixture = mixture_of(estimator)
+        names = named(estimator, coordinates, extra=1)
+        check_radians(names, estimator)
         return cls(
-            mixture, coordinates, float(mixture.means[:, -1].min()) if minimum is None else minimum
+            mixture, names, float(mixture.means[:, -1].min()) if minimum is None else minimum
         )
 
     def predict(self, points: Array) -> Array:

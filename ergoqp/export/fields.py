@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
+from ergoqp.step.answer.amiss import PARTS
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,7 @@ def input_fields(problem: Problem) -> list[Field]:
     return [
         Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
         Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
-        Field(
-            "pose", 16, "measured contact frame in the world, row-major 4 x 4 [m]; read if has_pose"
-        ),
+        Field("pose", 16, f"measured {_posed(problem)}, row-major 4 x 4 [m]; read if has_pose"),
         Field(
             "twist",
             6,
@@ -97,6 +96,11 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
         Field("multipliers", rows, "multiplier of each row in the QP", array=True),
         Field("outside", rows, "1 for rows that are outside and coming back", array=True),
         Field("locked", n, "1 for joints that are held at their end"),
+        Field(
+            "amiss",
+            len(PARTS) + rows,
+            f"1 for terms without a usable number: {', '.join(map(' '.join, PARTS))}, each row",
+        ),
         Field("qp_residual", 1, "largest KKT residual of the QP; accepted up to 1e-6"),
         Field("contact", 1, "contact motion that the posture cannot follow [m/s, rad/s]"),
         Field("accepted", 1, "certified share of the QP's answer: 0 braking, 1 all of it"),
@@ -108,6 +112,9 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
             1,
             "size of the fault: a factor, seconds, metres, radians or metres per second",
         ),
+        Field("doubted", 0, "1: no usual error of the posture explains the pose, see `apart`"),
+        Field("apart", 1, "distance between the pose and the contact of the posture [m]"),
+        Field("apart_angle", 1, "the same of the tool's axis [rad]"),
     ]
     drawn = Field(
         "drawn",
@@ -135,6 +142,10 @@ def members(fields: list[Field]) -> str:
         name = f"{field.name}[{field.length}]" if field.length else field.name
         lines.append(f"    {'int' if field.whole else 'double'} {name}; /* {field.meaning} */")
     return "\n".join(lines)
+
+
+def _posed(problem: Problem) -> str:
+    return "flange in the base" if problem.frames.moved else "contact frame in the world"
 
 
 def _unit(problem: Problem) -> str:

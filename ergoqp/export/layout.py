@@ -9,13 +9,17 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.export.fields import input_fields, members, output_fields
 from ergoqp.problem.problem import Problem
+from ergoqp.step.answer.amiss import PARTS
 from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.frames_check import DOUBTED, FRAMES
 from ergoqp.step.guide.place import Guide
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS
 from ergoqp.step.guide.trial import FIRM, TRIAL, UNKNOWN
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
+from ergoqp.step.packing import count
 from ergoqp.step.robot_watch.faults import Fault
+from ergoqp.step.robot_watch.memory import ASTRAY
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import longest_stop
 from ergoqp.step.under_way.history import SHORTEST_DT
@@ -163,9 +167,12 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
         "next_state": sizes["state"],
         "posture_rate": n,
         "fault": 2,
+        "frames": count(FRAMES),
         "residuals": 3,
+        "astray": ASTRAY,
     }
-    outputs |= {"locked": n} | dict.fromkeys(("margins", "slack", "multipliers", "outside"), rows)
+    outputs |= {"locked": n, "amiss": len(PARTS) + rows}
+    outputs |= dict.fromkeys(("margins", "slack", "multipliers", "outside"), rows)
     lines = [
         "/* Sizes of the generated function. */",
         "#ifndef ERGOQP_MEMORY_H",
@@ -183,6 +190,7 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     ]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {_listed(problem.twist_limit.speed)}"]
+    lines += [f"#define ERGOQP_DOUBTED {DOUBTED}"]
     lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
     lines += [
         f"#define ERGOQP_LONGEST_CUT {3 * problem.dt!r}",
@@ -200,9 +208,9 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
         first = _listed(np.array([*guide.pose.T.ravel(), 1.0, guide.expected]))
         lines += [f"#define ERGOQP_GUIDE {first}", f"#define ERGOQP_TRIAL {TRIAL}", ""]
     found = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
-    for word, names, count in (("INPUT", inputs, sizes), ("OUTPUT", found, outputs)):
+    for word, names, each in (("INPUT", inputs, sizes), ("OUTPUT", found, outputs)):
         starts = [
-            sum(count.get(before, 1) for before in names[:number])
+            sum(each.get(before, 1) for before in names[:number])
             for number in range(len(names) + 1)
         ]
         lines += [

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 import casadi as ca
+import numpy as np
 
 Expression = TypeVar("Expression", ca.SX, ca.MX)
 
@@ -91,6 +92,13 @@ def largest(values: Expression, of_none: float = 0.0) -> Expression:
 def smallest(values: Expression, of_none: float = 0.0) -> Expression:
     """Return the smallest entry, or `of_none` if there is no entry."""
     return ca.mmin(values) if values.numel() else type(values)(of_none)
+
+
+def marked(values: Expression, *parts: Expression) -> Expression:
+    """Return values, with NaN in the entries where a part is NaN; minimum and maximum drop NaN."""
+    # A sum of squares keeps NaN. Infinite parts stay below the comparison.
+    squares = sum(part**2 for part in parts)
+    return values + ca.if_else(squares <= ca.inf, 0, np.nan)
 
 
 def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:

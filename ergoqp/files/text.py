@@ -6,6 +6,7 @@ Every fault of a file gives an error of one sentence.
 from __future__ import annotations
 
 import json
+import re
 import stat
 import tomllib
 from pathlib import Path
@@ -31,6 +32,14 @@ LARGEST_JSON: Final = 100_000_000
 """Largest size of a file that the package writes [bytes]."""
 
 
+LONGEST_KEY: Final = 32
+"""Largest number of parts of a dotted key. The parser's time grows with its square."""
+
+_PART: Final = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_KEY: Final = re.compile(rf"""(?<![\w"'-]){_PART}(?:\.[ \t]*+{_PART}){{{LONGEST_KEY}}}""")
+"""A longer key; no part of it is read twice."""
+
+
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
@@ -39,9 +48,16 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         what: what the file is, for the message.
 
     Raises:
-        InputError: if it does not exist, is not a file, is too large, or is not TOML.
+        InputError: if it does not exist, is not a file, is too large, has a key of too many parts,
+            or is not TOML.
     """
     text = _text(path, what, LARGEST_TOML)
+    if long := _LONG_KEY.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        raise InputError(
+            f"{what}: {path.name}: got a key of more than {LONGEST_KEY} parts in line {line},"
+            " allowed a shorter one"
+        )
     try:
         return tomllib.loads(text)
     except RecursionError:

@@ -199,7 +199,7 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
         >>> found.rests, found.posture_at(pose).shape
         (1, (32,))
     """
-    identifier, loop = Identifier(problem), watched(rests)
+    identifier, loop = Identifier(problem), watched(rests, problem.frames)
     if loop is None:
         return identifier.identify(rests, longest=longest)
     found = identifier.identify(rests_in(loop), longest=longest)

@@ -10,10 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.arguments import shown
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, ModelError
 from ergoqp.expressions.rigid import read_pose
+from ergoqp.files.npz import read_npz
 from ergoqp.identification.resting import Resting, RestWatch
 from ergoqp.joints import JOINTS
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.way import pose_error
 
 _BACK: Final = 0.5
@@ -41,11 +43,12 @@ class Watched:
     poses: np.ndarray
 
 
-def watched(given: Any) -> Watched | None:
+def watched(given: Any, frames: Frames | None = None) -> Watched | None:
     """Return the loop in what a user gives, None if it is not a loop.
 
     Args:
         given: an `ergoqp.Run`, the folder of one, or the entries of a stepper's log.
+        frames: what the poses of a log are reported in. None: as they are.
 
     Raises:
         InputError: if it is one of these, and cannot be read.
@@ -55,7 +58,10 @@ def watched(given: Any) -> Watched | None:
     if all(hasattr(given, name) for name in ("time", "postures", "poses")):
         return _checked("the run", given.time, given.postures, given.poses)
     if isinstance(given, Sequence) and given and isinstance(given[0], Mapping):
-        return _of_log(given)
+        loop = _of_log(given)
+        if frames is None or not frames.moved:
+            return loop
+        return Watched(loop.time, loop.postures, frames.base @ loop.poses @ frames.flange)
     return None
 
 
@@ -91,16 +97,14 @@ def rests_in(loop: Watched) -> list[Resting]:
 
 
 def _of_folder(folder: Path) -> Watched:
+    names = ("time", "postures", "poses")
     try:
-        with (folder / "run.npz").open("rb") as file, np.load(file, allow_pickle=False) as held:
-            arrays = [held[name] for name in ("time", "postures", "poses")]
-    # A truncated or forged file can raise any error.
-    except Exception as error:
+        arrays = read_npz(folder / "run.npz", names)
+    except ModelError as error:
         raise InputError(
-            f"rests: got the folder {folder}, allowed one that a run was saved in"
-            f" ({type(error).__name__}: {error})"
+            f"rests: got the folder {folder}, allowed one that a run was saved in ({error})"
         ) from None
-    return _checked(f"the folder {folder}", *arrays)
+    return _checked(f"the folder {folder}", *(arrays[name] for name in names))
 
 
 def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:

@@ -21,7 +21,7 @@ from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.one_class_margin import Margin
-from ergoqp.learning.pipelines import dense, sklearn, unpack
+from ergoqp.learning.pipelines import check_radians, dense, named, sklearn, unpack
 
 KIND: Final = "one_class"
 """The kind in the header of its files."""
@@ -189,11 +189,12 @@ class OneClass:
 
         Args:
             estimator: fitted, with radial kernels.
-            coordinates: names of its inputs.
+            coordinates: names of its inputs. If it was fitted with a table that names its columns,
+                the order of the table is taken.
 
         Raises:
-            ModelError: if the estimator or its kernel is another one, it is not fitted, or
-                nothing is inside.
+            ModelError: if the estimator or its kernel is another one, it is not fitted, nothing is
+                inside, or it was fitted to other columns than the coordinates or to degrees.
             MissingExtraError: if scikit-learn is not installed.
         """
         names = coordinates if isinstance(coordinates, Coordinates) else Coordinates(coordinates)
@@ -202,6 +203,8 @@ class OneClass:
             raise ModelError(f"estimator: got a {type(svm).__name__}, allowed a OneClassSVM")
         if svm.kernel != "rbf":
             raise ModelError(f"OneClassSVM: got the kernel {svm.kernel!r}, allowed 'rbf'")
+        names = Coordinates(named(estimator, names.names))
+        check_radians(names.names, svm, mean, scale)
         gamma = svm._gamma  # the value of "scale" and "auto", which has no public name
         centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
@@ -10,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.joints import JOINTS
 
 SCALERS: Final = ("StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler")
 """Steps that may come before the estimator. All have the form (x - mean) / scale."""
@@ -82,6 +85,85 @@ def unpack(estimator: Any, width: int) -> tuple[Array, Array, Any]:
                 mean, scale = mean + scale * shift, scale * factor
         estimator = estimator.steps[-1][1]
     return mean, scale, estimator
+
+
+def named(estimator: Any, coordinates: Sequence[str], extra: int = 0) -> tuple[str, ...]:
+    """Return the names of the inputs in the order in which an estimator was fitted.
+
+    An estimator that was fitted with a table keeps the names of its columns. They decide the order.
+    Names in which no coordinate is found say nothing.
+
+    Args:
+        estimator: a fitted pipeline, or a fitted estimator alone.
+        coordinates: names of the inputs, as stated.
+        extra: number of columns after the inputs, such as the score of a mixture.
+
+    Raises:
+        ModelError: if the columns are other coordinates than those stated, or are in degrees.
+    """
+    stated, columns = tuple(coordinates), _columns(estimator)
+    fitted = [_plain(name) for name in columns[: len(columns) - extra]]
+    known = {*stated, *JOINTS}
+    if in_degrees := [name for name in fitted if name[:-4] in known and name.endswith("_deg")]:
+        raise ModelError(
+            f"estimator: got one that was fitted with {in_degrees[0]}, allowed columns in radians"
+        )
+    if not known.intersection(fitted):
+        return stated
+    if sorted(fitted) != sorted(stated):
+        other = sorted(set(fitted).symmetric_difference(stated))
+        raise ModelError(
+            f"estimator: got one that was fitted with the columns {', '.join(fitted)}, allowed the"
+            f" stated coordinates: {', '.join(other)} differ"
+        )
+    return tuple(fitted)
+
+
+def _columns(estimator: Any) -> list[str]:
+    """Return the names of the columns of a fit, or nothing."""
+    parts = [estimator, *(step for _, step in getattr(estimator, "steps", ()))]
+    parts += [getattr(part, "regressor_", None) for part in parts]
+    parts += [step for part in parts for _, step in getattr(part, "steps", ())]
+    found = (getattr(part, "feature_names_in_", None) for part in parts)
+    return [str(name) for name in next((names for names in found if names is not None), ())]
+
+
+def _plain(column: str) -> str:
+    """Return the name of a column as coordinates are written: ``"Trunk flexion [rad]"``."""
+    words = re.sub(r"\W+", "_", column.lower().replace("\N{DEGREE SIGN}", " deg")).strip("_")
+    return words.removesuffix("_rad")
+
+
+def check_radians(
+    names: Sequence[str], last: Any, mean: Array | float = 0.0, scale: Array | float = 1.0
+) -> None:
+    """Check that an estimator of joint angles was not fitted to degrees.
+
+    Args:
+        names: names of its inputs.
+        last: the last estimator, which keeps some or all of the points of its fit.
+        mean: subtracted from the inputs before it.
+        scale: divides the result.
+
+    Raises:
+        ModelError: if the points are typically beyond a full turn.
+    """
+    if names[0] not in JOINTS:
+        return
+    kept = (getattr(last, name, None) for name in ("support_vectors_", "X_fit_", "X_train_"))
+    found = next((dense(points) for points in kept if points is not None), None)
+    if found is None and hasattr(last, "means_"):
+        found = np.asarray(last.means_, dtype=float)[:, : len(names)]
+    if found is None or found.shape[-1] != len(names):
+        # Only the scaling is known, which gives numbers of about 0.5.
+        found = np.full((1, len(names)), 0.5 * np.any(mean))
+    sizes = np.sqrt(np.mean((mean + scale * found) ** 2, axis=0))
+    largest = int(np.argmax(sizes))
+    if sizes[largest] > 2 * np.pi:
+        raise ModelError(
+            f"estimator: got one that was fitted to values of about {sizes[largest]:.3g} for"
+            f" {names[largest]}, allowed radians (degrees?)"
+        )
 
 
 def affine(scaler: Any, width: int) -> tuple[Array, Array]:

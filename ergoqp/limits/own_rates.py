@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
 from ergoqp.limits.limit import Limit, Rows, Situation
 
@@ -101,8 +102,7 @@ def judge_rates(limit: Limit, situation: Situation) -> None:
     Raises:
         ProblemError: if it is wrong.
     """
-    kinds = (type(limit), type(getattr(limit, "region", None)))
-    if all(kind.__module__.startswith(("ergoqp.", "builtins")) for kind in kinds):
+    if of_package(limit, getattr(limit, "region", None)):
         return
     key = id(limit), situation.posture.numel()
     known = _SEEN.get(key)
@@ -171,6 +171,9 @@ class OwnRates:
     def _wrong(self, place: _Place) -> Iterator[str]:
         """Yield what is wrong at a place, in words that are the same at every place."""
         (here,) = self._at([place])
+        if any(np.isnan(each).any() for each in vars(here).values()):
+            yield "NaN, allowed numbers, and inf where there is no end"
+            return
         finite = np.isfinite(here.ends)
         if (here.rate < 0).any() or (here.reserve < 0).any():
             yield "a negative rate or reserve, allowed 0 or more"
@@ -181,6 +184,8 @@ class OwnRates:
             )
         if (here.margins > here.least(here.ends) + _ROUNDING).any():
             yield "margins above the distances at rest, allowed at most min(below, above)"
+        elif not self.limit.proven and (here.margins < here.least(here.ends) - _ROUNDING).any():
+            yield "margins below the distances at rest, allowed min(below, above), or `proven`"
         elif (here.margins_of_fewer > here.least(here.fewer) + _ROUNDING).any():
             yield "margins that do not become smaller by situation.lost, allowed those of the rows"
         rates = np.concatenate([here.matrix, -here.matrix])

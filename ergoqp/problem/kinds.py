@@ -28,6 +28,7 @@ from ergoqp.limits import TwistLimit
 from ergoqp.limits.limit import RECOVERY_TIMES
 from ergoqp.limits.own_rows import KINDS
 from ergoqp.problem.control import Control
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.sheets.options import Method
 from ergoqp.sheets.reba import assess
@@ -108,6 +109,7 @@ def check_kinds(problem: Any) -> None:
     for what, term, kind in (
         ("control", problem.control, Control),
         ("robot", problem.robot, DeclaredRobot),
+        ("frames", problem.frames, Frames),
         ("method", problem.method, Method),
     ):
         check_kind(what, term, kind, f"a {kind.__name__}", ProblemError)

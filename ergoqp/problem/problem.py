@@ -21,9 +21,11 @@ from ergoqp.limits.own_rows import OwnLimits
 from ergoqp.limits.stop import Stop
 from ergoqp.limits.way_out import WayOut
 from ergoqp.problem.control import Control
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.room import no_room
+from ergoqp.problem.tried import check_pace, judge_terms
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.options import check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -50,6 +52,7 @@ class Problem:
         dt: control period [s].
         control: settings of the step: how fast and how far the object moves.
         robot: declared delays and errors of the robot.
+        frames: where the robot's base, the tool in its flange and the camera are.
         task: what joint angles cannot tell (load, coupling ...), as keywords of
             `ergoqp.reba.assess`. The stance of the response says whether the person sits.
         method: options of the exact sheet, where implementations disagree.
@@ -77,6 +80,7 @@ class Problem:
     dt: float = 0.01
     control: Control = field(default_factory=Control)
     robot: DeclaredRobot = field(default_factory=DeclaredRobot)
+    frames: Frames = field(default_factory=Frames)
     task: TaskOptions = field(default_factory=TaskOptions)
     method: Method = field(default_factory=Method)
     name: str = "custom"
@@ -106,6 +110,7 @@ class Problem:
         if nowhere := no_room(self.limits, self.response):
             raise ProblemError(f"limits: {nowhere}")
         self.own_limits.judge()
+        check_pace(self.own_times, self.dt)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -146,6 +151,11 @@ class Problem:
         return WayOut.of(self.row_limits, box, room, moves, self.robot.noise[:3])
 
     @cached_property
+    def own_times(self) -> dict[str, float]:
+        """How long a user's cost and response take [s], see `ergoqp.problem.tried`."""
+        return judge_terms(self.cost, self.response)
+
+    @cached_property
     def stop(self) -> Stop:
         """The law by which the object stops."""
         robot = self.robot
@@ -183,6 +193,7 @@ class Problem:
         if not self.moves_pose:
             for what, given in (
                 ("robot", self.robot.declared),
+                ("frames", self.frames != Frames()),
                 ("control.average", bool(self.control.average)),
             ):
                 if given:

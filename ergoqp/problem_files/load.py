@@ -35,6 +35,7 @@ from ergoqp.limits import (
 )
 from ergoqp.paths import data_folder
 from ergoqp.problem.control import Control
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.full_keys import full_keys
@@ -208,6 +209,7 @@ def _build(file: FileTable, name: str, folder: Path) -> Problem:
         dt=file.dt,
         control=Control(**file.control.model_dump()),
         robot=DeclaredRobot(**file.robot.model_dump()),
+        frames=Frames(**file.frames.model_dump()),
         task=TaskOptions(**task),
         method=method,
         name=name,

@@ -305,6 +305,23 @@ class RobotTable(Table):
     pose_from_posture_deg: Annotated[float, Field(ge=0, le=90)] = 8.0
 
 
+_Frame = Annotated[
+    tuple[Number, Number, Number, Number, Number, Number, Number], BeforeValidator(as_tuple)
+]
+
+
+class FramesTable(Table):
+    """See `ergoqp.problem.frames.Frames`: x, y, z and a quaternion x, y, z, w."""
+
+    base: _Frame | None = None
+    flange: _Frame | None = None
+    camera: _Frame | None = None
+    offset: Vector = (0.0, 0.0, 0.0)
+    spread: Annotated[float, Field(ge=0, le=2)] | None = None
+    spread_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    compare: bool = True
+
+
 class FileTable(Table):
     """A whole file. `unusual` lists keys whose unusual values are meant."""
 
@@ -315,6 +332,7 @@ class FileTable(Table):
     task: TaskTable = TaskTable()
     limits: LimitsTable = LimitsTable()
     robot: RobotTable = RobotTable()
+    frames: FramesTable = FramesTable()
     # The class is made above.
     control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm]
     unusual: list[str] = []

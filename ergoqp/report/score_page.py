@@ -20,7 +20,7 @@ from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart
 from ergoqp.report.charts.strips import segments_strips
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
-from ergoqp.report.scores import summary_of, worst_frame, worst_in_words
+from ergoqp.report.scores import summary_of, worst_in_words
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
@@ -66,7 +66,7 @@ def write_score_page(
         facts=_facts(summary),
         replay=scene_html(movement, timing),
         replay_note=timing.note,
-        figures=_figures(movement, assessment),
+        figures=_figures(movement, assessment, summary),
         sections=[
             _over_time(recording, assessment, summary),
             _worst(recording, assessment, summary),
@@ -113,12 +113,13 @@ def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return facts
 
 
-def _figures(movement: Movement, assessment: Assessment) -> list[Picture]:
-    if not assessment.valid.any():
+def _figures(movement: Movement, assessment: Assessment, summary: dict[str, Any]) -> list[Picture]:
+    if summary["worst"] is None:
         return []
+    worst = summary["worst"]["frame"]
     lowest = int(np.argmin(np.where(assessment.valid, assessment.final, np.iinfo(np.int64).max)))
     pictures = []
-    for name, i in (("worst moment", worst_frame(assessment)), ("best moment", lowest)):
+    for name, i in (("worst moment", worst), ("best moment", lowest)):
         posture = movement.at(np.array([i]))
         segments = {segment: int(scores[0]) for segment, scores in posture.segments.items()}
         contact = None if posture.object_poses is None else posture.object_poses[0]

@@ -99,12 +99,12 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``not_scored`` {cause:
     frames}, ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over
     valid frames (null without one); ``share`` {action level: share of the valid frames}; ``worst``
-    {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``, ``others``} or null: the first
-    frame with the highest score, and how many others have it; ``segments`` {segment: {``mean``,
-    ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames beyond its
-    range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown), ``centre_error_mm`` {centre:
-    the same}; ``markers`` {marker: {``frame`` of the body that it sits on, ``residual_mm``, null if
-    it is never seen}}; ``assumptions``. Frames count from 0.
+    {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``, ``others``} or null: the worst
+    frame, see `Assessment.worst`, and how many others have its score; ``segments`` {segment:
+    {``mean``, ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames
+    beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown),
+    ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of the body that it sits
+    on, ``residual_mm``, null if it is never seen}}; ``assumptions``. Frames count from 0.
 
     Args:
         recording: the recording that was scored.
@@ -151,13 +151,8 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     }
 
 
-def worst_frame(assessment: Assessment) -> int:
-    """Return the first frame with the highest score."""
-    return int(np.argmax(assessment.final))
-
-
 def _worst(recording: Recording, assessment: Assessment) -> dict[str, Any]:
-    i = worst_frame(assessment)
+    i = assessment.worst(recording.time)
     return {
         "frame": i,
         "time_s": round(float(recording.time[i]), 6),

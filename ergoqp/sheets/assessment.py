@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
@@ -93,6 +93,38 @@ class Assessment:
                 np.where(self._left_is_worse, left, right) if whole else np.maximum(right, left)
             )
         return found
+
+    def worst(self, time: ArrayLike | None = None) -> int:
+        """Return the number of the worst posture.
+
+        It has the highest final score. Of several it has the highest sum of score A and score B,
+        and of these it is the first of those that are held longest.
+
+        Args:
+            time: time of each posture (n,), increasing [s]. None: equal steps.
+
+        Raises:
+            InputError: if there is no posture.
+        """
+        count = len(self.final)
+        if not count:
+            raise InputError("worst: got no posture, allowed one or more")
+        points, scores = self._task.points, self.segments
+        tables = sum(
+            look_up(self._sheet, t, *(np.maximum(scores[axis], 1) for axis in axes.axes))
+            for t, axes in self._sheet.tables.items()
+            if t in "AB"
+        )
+        both = tables + points["load"] + points["coupling"]
+        rank = np.where(self.valid, 1000 * self.final + both, -1)
+        top = np.concatenate([[False], rank == rank.max(), [False]])
+        begins, ends = np.flatnonzero(np.diff(top.astype(int))).reshape(-1, 2).T
+        steps = np.ones(count) if time is None else np.diff(time, append=np.inf)
+        # The last posture is held for as long as one step usually takes.
+        steps[-1] = np.median(steps[:-1]) if count > 1 else 1.0
+        held = np.concatenate([[0.0], np.cumsum(steps)])
+        # Rounding must not decide between the same durations.
+        return int(begins[np.argmax(np.round(held[ends] - held[begins], 6))])
 
     def reasons(self, i: int) -> list[str]:
         """Return sentences that explain the score of posture `i`.

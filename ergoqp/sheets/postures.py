@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeGuard
+from typing import Final, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,9 +11,14 @@ from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.sheets.description import TIE
 
+_DECIMALS: Final = 4
+"""Decimals [deg] to which 32-bit numbers are read; they may be off by 0.00002 deg."""
+
 
 def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
     """Return postures as a read-only array of shape (n, 32) [rad] that no other code can write to.
+
+    32-bit numbers are rounded to the nearest 0.0001 deg, so that 60 deg are 60 deg.
 
     An array that already is read-only and owns its data is not copied: an hour of postures is
     110 MB.
@@ -26,6 +31,8 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
     """
     try:
         rows = postures if _is_final(postures) else np.array(postures, dtype=float, order="C")
+        if rows is not postures and np.asarray(postures).dtype == np.float32:
+            rows = np.radians(np.round(np.degrees(rows), _DECIMALS))
     except (TypeError, ValueError) as error:
         raise InputError(
             f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad"

@@ -174,6 +174,8 @@ def assess(
 
     Args:
         postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
+            32-bit numbers are rounded to the nearest 0.0001 deg, because the end of a band (60 deg)
+            belongs to the lower score and must not be exceeded by rounding.
         method: how the sheet is read; the default follows the publication.
         load_kg: mass that is handled [kg]. This option and all below are one value, or one per
             posture with the shape (n,).

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ergoqp.joints import JOINTS, LOWER, UPPER
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people.person import LET_GO, Holding, Person
@@ -111,7 +112,7 @@ def run_loop(
             declares, with a gain drawn with the seed.
         beside: called after every period.
     """
-    controller = controller or Stepper(problem)
+    controller = controller or Stepper(in_world(problem))
     controller.reset()
     dt = controller.dt
     rng = np.random.default_rng([seed, 7])
@@ -155,6 +156,11 @@ def run_loop(
         if stop_when_still is not None and still >= stop_when_still:
             break
     return trace
+
+
+def in_world(problem: Problem) -> Problem:
+    """Return the problem without its frames: a simulation reports contact frames in the world."""
+    return problem if problem.frames == Frames() else problem.replace(frames=Frames())
 
 
 def with_own_robot(

@@ -21,7 +21,13 @@ from ergoqp.seeking.seeker import Seeker
 from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture, stood_otherwise
-from ergoqp.simulation.loop import outside_of_range, run_loop, settle_time, with_own_robot
+from ergoqp.simulation.loop import (
+    in_world,
+    outside_of_range,
+    run_loop,
+    settle_time,
+    with_own_robot,
+)
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
@@ -134,7 +140,7 @@ def simulate(
         start = person.hold(start_posture, senses, seed)
         beyond += stood_otherwise(start_posture, start.posture)
     who = start.person
-    problem, robot = with_own_robot(problem, who, robot, seed)
+    problem, robot = with_own_robot(in_world(problem), who, robot, seed)
     unmoved = start.copy()
     unmoved.rest(unmoved.pose)
     checker = _Watched(problem, progress, round(duration / problem.dt))

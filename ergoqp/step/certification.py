@@ -66,10 +66,10 @@ def judge_function(model: StepModel) -> ca.Function:
     With a guide, the trial of the place is updated too, see `ergoqp.step.guide.pull`.
 
     Returns:
-        Function ``(...) -> (wanted, brake, now, solved, outside, next_rest, whole, next_trial)``:
-        the wanted twist and the braking twist as they can be sent, the margins, whether the QP is
-        solved, which rows are outside, the next rest state, whether the wanted twist holds, and
-        with a guide the next trial.
+        Function ``(...) -> (wanted, brake, now, ahead, solved, outside, next_rest, whole,
+        next_trial)``: the wanted twist and the braking twist as they can be sent, the margins now
+        and through the stop, whether the QP is solved, which rows are outside, the next rest state,
+        whether the wanted twist holds, and with a guide the next trial.
     """
     problem = model.problem
     known = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
@@ -85,8 +85,12 @@ def judge_function(model: StepModel) -> ca.Function:
     outside = ca.logic_and(away, _moves(problem, margins))
     found = by_name(_decide_function(model), known | {"must_move": largest(outside)})
     ways = found.pop("ways")
-    found |= {"now": now, "outside": outside}
-    found["whole"] = smallest(margins.ahead(ways) - _floor(model, now)) >= 0
+    ahead = margins.ahead(ways)
+    found |= {"now": now, "ahead": ahead, "outside": outside}
+    # A comparison with NaN fails, but a minimum would drop it.
+    found["whole"] = is_set(smallest(ahead >= _floor(model, now), 1.0))
+    if watched := model.watched_rows:
+        found["whole"] = ca.logic_and(found["whole"], ca.sumsqr(now[watched]) <= ca.inf)
     outputs = [ca.densify(part) for part in found.values()]
     return ca.Function("judge", list(known.values()), outputs, list(known), list(found))
 
@@ -102,7 +106,9 @@ def _decide_function(model: StepModel) -> ca.Function:
     dt, stop = sx["dt"], problem.stop
     situation = model.situation(sx, model.sparse(sx["S"]))
     brake = on_surface(stop.braking(sx["previous"], dt), situation, sx["usable"])
-    solved = sx["residual"] < TOLERANCE
+    # A cost of NaN or infinity does not reach the QP, but rest and the guide would keep it.
+    finite = sx["total"] ** 2 + sx["gain"] ** 2 < ca.inf
+    solved = ca.logic_and(sx["residual"] < TOLERANCE, finite)
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(
         problem.control, sx["rest"], sx["gain"], sx["total"], sx["must_move"], dt, counts
@@ -183,7 +189,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
         twist = _kept(
             problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
         )
-        holds = smallest(_margins(model, sx, S, twist, sx["dt"]) - floor) >= 0
+        holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
     return ca.Function(
         "shorten", list(sx.values()), ca.cse([ca.densify(shares)]), list(sx), ["share"]

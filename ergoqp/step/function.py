@@ -16,12 +16,14 @@ from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer.accounting import account_function
+from ergoqp.step.answer.amiss import amiss
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.certification import judge_function, shortened
+from ergoqp.step.frames_check import FRAMES, compared_frames
 from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.inputs import INPUTS, OUTPUTS, read_inputs
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import joined, split
+from ergoqp.step.packing import count, joined, split
 from ergoqp.step.program.asked_back import asked_update, still_asks
 from ergoqp.step.program.data import away_function
 from ergoqp.step.program.locking import solve_passes
@@ -79,6 +81,7 @@ def build_step(
     guided: bool = False,
     unrolled: bool = False,
     every_branch: bool = False,
+    spare: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
@@ -101,15 +104,21 @@ def build_step(
             fastest form for a compiler and the slowest for an interpreter.
         every_branch: whether it always takes the longer branch. Its answers are those of a step
             only where all are needed; it is for `ergoqp.step.timing`.
+        spare: whether cost and readings are NaN, so that the step only brakes.
     """
-    model, shape = StepModel(problem, guided, every_branch), scalars if unrolled else vectors
+    model = StepModel(problem, guided, every_branch, spare)
+    shape = scalars if unrolled else vectors
     names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])
 
     # The present pose of the object, and its landing pose.
     found = under_way(model, state["history"], raw["dt"], shape)
-    known = read_inputs(model, state | raw, found, shape)
+    given = state | raw
+    if problem.frames.moved:
+        given["pose"] = shape(_contact_pose(problem))(raw["pose"])
+    known = read_inputs(model, given, found, shape)
+    known.setdefault("frames", ca.MX.zeros(count(FRAMES)))
     watched = watch(model, known, shape)
     known |= {name: watched.pop(name) for name in ("causes", "astray")}
     known |= by_name(model.readings, known)
@@ -135,6 +144,7 @@ def build_step(
     known |= by_name(gain_function(model), known)
     known |= by_name(shape(judge_function(model)), known, written=True)
     known["share"] = shortened(model, known)
+    known |= amiss(model, known)
     known |= by_name(shape(account_function(model)), known, written=True)
     known["next_state"] = joined(model.state, _next_state(model, found, known | watched))
 
@@ -144,6 +154,13 @@ def build_step(
     outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ())]
     results = once([known[name] for name in outputs])
     return ca.Function(name, list(raw.values()), results, names, outputs)
+
+
+def _contact_pose(problem: Problem) -> ca.Function:
+    """Return ``flange in the base (4, 4) -> contact frame in the world (4, 4)``."""
+    pose, frames = ca.SX.sym("pose", 4, 4), problem.frames
+    contact = ca.DM(frames.base) @ pose @ ca.DM(frames.flange)
+    return ca.Function("contact_pose", [pose], [ca.densify(contact)])
 
 
 def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
@@ -162,6 +179,8 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
     if model.asks_back:
         limits = model.problem.row_limits
         after["asked"] = asked_update(limits, known["asked"], known["now"], known["dt"])
+    if model.compares:
+        after["frames"] = compared_frames(model.problem, {**known, "period": found.dt})
     if model.guided:
         after["trial"] = known["next_trial"]
     return after

@@ -10,11 +10,14 @@ from typing import Final
 
 import casadi as ca
 
+from ergoqp.arguments import of_package
 from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
+from ergoqp.step.frames_check import BEYOND, FRAMES
 from ergoqp.step.model import StepModel
+from ergoqp.step.packing import split
 from ergoqp.step.under_way.history import CLOCK_ROUNDING
 from ergoqp.step.under_way.motion import UnderWay
 
@@ -41,6 +44,7 @@ OUTPUTS: Final = (
     "status",
     "causes",
     "fault",
+    "frames",
     "cost",
     "gain",
     "margins",
@@ -50,6 +54,7 @@ OUTPUTS: Final = (
     "outside",
     "residuals",
     "astray",
+    "amiss",
 )
 
 
@@ -70,8 +75,9 @@ def read_inputs(
         The usable numbers for the step: ``posture``; ``pose`` as measured, or as far as it is
         known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
         ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
-        ``told``; whether the object has to ``stop``; ``causes`` why the step can only brake, by
-        `Cause`; and everything else that was given.
+        ``told``; whether posture and pose can be compared (``compares``); whether the object has to
+        ``stop``; ``causes`` why the step can only brake, by `Cause`; and everything else that was
+        given.
     """
     seen = is_set(given["observed"])
     last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
@@ -83,6 +89,11 @@ def read_inputs(
     read = by_name(shape(_read_function(model)), known, written=True)
     pose = _pose(model.problem, given, read["measured"], read["moved"], posture)
     known |= read | {"posture": posture, "pose": pose}
+    if not of_package(model.problem.response):
+        # Without a usable contact frame the pose stays unknown, see `_pose`.
+        placed = pose[3, 3]
+        known["next_started"] *= placed
+        known["causes"] += 2.0**Cause.term * (1 - placed)
     if model.problem.robot.owes:
         # When the object was measured last, any share of the motion under way may have been done
         # already. It is integrated as if none was.
@@ -111,7 +122,8 @@ def _read_function(model: StepModel) -> ca.Function:
         Function that gives ``moved``, the displacement of the last period as far as it is known,
         and the other results of `read_inputs`.
     """
-    problem, raw = model.problem, model.symbols((*_READ, *_KEPT))
+    problem = model.problem
+    raw = model.symbols((*_READ, *_KEPT, *(("frames",) if model.compares else ())))
     has_pose, has_twist, started, frame = (
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
@@ -138,6 +150,8 @@ def _read_function(model: StepModel) -> ca.Function:
         Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }
+    if model.compares:
+        bad[Cause.frames] = split(FRAMES, raw["frames"])["beyond"] >= BEYOND
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
     outputs = {
         "moved": moved,
@@ -147,6 +161,10 @@ def _read_function(model: StepModel) -> ca.Function:
         "stop": ca.logic_or(disabled, unmeasured),
         "causes": causes,
     }
+    if model.compares:
+        sees = ca.logic_and(ca.logic_and(frame, raw["posture_ok"]), fresh)
+        waited = split(FRAMES, raw["frames"])["wait"] <= 1e-9
+        outputs["compares"] = ca.logic_and(ca.logic_and(measured, sees), waited)
     parts = ca.cse(dense(list(outputs.values())))
     return ca.Function("read", list(raw.values()), parts, list(raw), list(outputs))
 
@@ -171,9 +189,12 @@ def _pose(
         ca.MX.sym("moved", 6),
     ]
     inputs.append(ca.MX.sym("posture", posture.numel()))
-    by_posture = ca.Function(
-        "by_posture", inputs, [ca.densify(problem.response.contact()(inputs[4])[0])]
-    )
+    first = problem.response.contact()(inputs[4])[0]
+    if not of_package(problem.response):
+        # A matrix of zeros stands for a pose that is not usable.
+        rigid = ca.Function("rigid", [sx[0]], [is_rigid(sx[0])])(first)
+        first = ca.if_else(rigid, first, 0)
+    by_posture = ca.Function("by_posture", inputs, [ca.densify(first)])
     followed = ca.Function("followed", inputs, [ca.densify(on(inputs[2], inputs[3]))])
     integrated = ca.Function.if_else("integrated", followed, by_posture)(inputs[1], *inputs)
     unmeasured = ca.Function("unmeasured", inputs, [integrated])

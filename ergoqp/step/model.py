@@ -10,10 +10,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import of_package
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
+from ergoqp.step.frames_check import FRAMES
 from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.packing import Sizes, count, places
 from ergoqp.step.program.bounds import limit_values, movable_rows
@@ -35,11 +37,13 @@ class StepModel:
         guided: whether the step can be drawn to a guide.
         every_branch: whether the step takes every branch, to be timed; see
             `ergoqp.step.timing`.
+        spare: whether cost and readings are NaN, see `ergoqp.step.spare`.
     """
 
     problem: Problem
     guided: bool = False
     every_branch: bool = False
+    spare: bool = False
 
     def if_needed(self, needed: ca.MX) -> ca.MX:
         """Return the condition of a branch that takes longer than the other."""
@@ -65,6 +69,11 @@ class StepModel:
         """Whether some row of the person's posture may ask the object to come back."""
         return any(not limit.hard and any(limit.returns) for limit in self.problem.row_limits)
 
+    @property
+    def compares(self) -> bool:
+        """Whether posture and pose are compared, see `ergoqp.step.frames_check`."""
+        return self.problem.moves_pose and self.problem.frames.compare
+
     @cached_property
     def state(self) -> Sizes:
         """Shape of every part of the state, in order."""
@@ -79,6 +88,8 @@ class StepModel:
             sizes["unsure"] = (6, 2)
         if self.asks_back:
             sizes["asked"] = (2, 1)
+        if self.compares:
+            sizes["frames"] = (count(FRAMES), 1)
         return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
 
     @cached_property
@@ -103,7 +114,7 @@ class StepModel:
         sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed", "excess"), (6, 1))
         sizes |= {"next_rest": (STATES, 1), "astray": (ASTRAY, 1)}
         sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
-        sizes |= dict.fromkeys(("now", "outside"), (rows, 1))
+        sizes |= dict.fromkeys(("now", "ahead", "outside"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
         sizes |= {"S": response.size_out(0), "E": response.size_out(1)}
         sizes |= {"readings": (self.readings.numel_out(0), 1), "way": (self.under_way.size, 1)}
@@ -166,6 +177,21 @@ class StepModel:
         return [(limit, measure) for limit, measure in found if measure is not None]
 
     @cached_property
+    def watched(self) -> set[str]:
+        """First names of the limits of users, whose rows may be NaN where margins are not."""
+        return {
+            limit.names[0]
+            for limit in self.problem.row_limits
+            if not of_package(limit, getattr(limit, "region", None))
+        }
+
+    @cached_property
+    def watched_rows(self) -> list[int]:
+        """Numbers of the rows of the `watched` limits."""
+        firsts = [limit.names[0] for limit in self.problem.row_limits for _ in limit.names]
+        return [row for row, first in enumerate(firsts) if first in self.watched]
+
+    @cached_property
     def readings(self) -> ca.Function:
         """``(posture, pose) -> readings (r,)``: the readings of all limits, stacked.
 
@@ -177,6 +203,8 @@ class StepModel:
         if self.problem.way_out is not None:
             measured.append(self.problem.way_out.function(pose))
         readings = ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)
+        if self.spare:
+            readings = ca.MX(ca.DM.nan(*readings.shape))
         names = ["posture", "pose"]
         return ca.Function("readings", [posture, pose], [readings], names, ["readings"])
 

@@ -70,6 +70,7 @@ def replay(
                 f"log: entry {number} is not one of a loop of this problem ({error}), allowed the"
                 " dicts that its log sink got"
             ) from None
+        stepper._raised.clear()
         stepper._call()
         if entry.get("instead"):  # the answer before was too late, and this one was sent
             steps.pop()

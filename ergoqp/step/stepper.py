@@ -14,15 +14,17 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.tried import slowest
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.answer.step import Step
-from ergoqp.step.function import step_function
+from ergoqp.step.function import build_step, step_function
 from ergoqp.step.guide.place import read_guide
 from ergoqp.step.model import StepModel
 from ergoqp.step.ready import Frame, Layout, Ready
 from ergoqp.step.rest import stalled
+from ergoqp.step.spare import callers, guarded
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import stop_function
 from ergoqp.step.under_way.history import SHORTEST_DT
@@ -115,6 +117,7 @@ class Stepper:
         self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
         closed = compiled and self.problem.surface is None
         self._closed_stop = stop_function(self._model) if closed else None
+        self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
         self._ready = self._layout.begin(self._given.size, self._begin, place)
 
@@ -125,6 +128,10 @@ class Stepper:
         self._inputs, self._layout = evaluator.inputs, Layout(self._model, evaluator.places)
         if self._solver is not solver_named("daqp"):
             self._call = passing_on(evaluator.evaluate)
+        self._raised: list[str] = []
+        if callers(self.problem):
+            spare = build_step(self.problem, self._solver, guided=self._guided, spare=True)
+            self._call = guarded(self._call, evaluator, spare, self._raised)
         # One array for all outputs: a step copies it once, and all its members are views of the
         # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
@@ -396,7 +403,10 @@ class Stepper:
     def _begin_call(self, ready: Ready) -> dict[str, str]:
         """Set every input of the function anew; return the notes of the call."""
         self._given[:], self._state_in[:] = ready[0], ready[1]
+        self._raised.clear()
         notes = {**ready[2]}
+        if self._slow:
+            notes["slow"] = self._slow
         # Not a part of `ready`: a signal handler may call `hold` during a step.
         if self._held:
             self._state_in[self._held_at] = 1.0
@@ -441,6 +451,9 @@ class Stepper:
     def _answer(self, ready: Ready, notes: Mapping[str, str], start: float, frame: Frame) -> Step:
         """Return the answer of the last evaluation, and continue from it."""
         account, into = self._out.copy(), self._inputs
+        if self._raised:
+            who = ", ".join(callers(self.problem))
+            notes = {**notes, "term": f"{who}: got {self._raised[-1]}, allowed a number"}
         seen = (frame[0], into["dt"][0], into["age"][0])
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
         after = (ready[0], self._state_out.copy(), ready[2], frame)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number
 from ergoqp.expressions.rigid import read_pose
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.step import Step
 from ergoqp.step.stepper import Stepper
@@ -112,7 +113,9 @@ class WholeBody:
         # The object does what the arm can, which may differ from its own step. So there is no
         # averaging.
         self.stepper = Stepper(
-            problem.replace(control=replace(problem.control, average=0.0)), dt=dt
+            # The poses are those of the model: contact frames in the world.
+            problem.replace(control=replace(problem.control, average=0.0), frames=Frames()),
+            dt=dt,
         )
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms = StepTerms(self.problem)

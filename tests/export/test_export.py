@@ -19,6 +19,7 @@ from ergoqp.export.example import example_start, start_header
 from ergoqp.export.folder import export_step
 from ergoqp.export.layout import c_string, header
 from ergoqp.step.answer.causes import Status
+from ergoqp.step.frames_check import DOUBTED
 from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
@@ -97,6 +98,9 @@ def test_the_exported_step_gives_what_python_gives(exported):
         kind, amount = step.account("fault")
         assert answer.fault == kind
         assert answer.fault_amount == pytest.approx(amount, abs=1e-9)
+        frames = step.account("frames")
+        assert (answer.apart, answer.apart_angle) == pytest.approx(tuple(frames[4:]), abs=1e-9)
+        assert answer.doubted == (frames[2] >= DOUBTED)
     assert {"braking", "invalid"} < seen
 
 

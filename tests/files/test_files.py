@@ -4,6 +4,7 @@ they claim."""
 from __future__ import annotations
 
 import os
+import time
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -174,3 +175,41 @@ def test_a_short_run_of_the_benchmark_finds_nothing_wrong(
         _, said, took, _, _ = files._read(kinds[number % len(kinds)], rng, tmp_path)
         assert said in ("", "said"), (number, said)
         assert took < 5
+
+
+LONG_KEYS = {
+    "plain": "a" + ".a" * 50_000 + " = 1",
+    "spaced": "a" + " . a" * 50_000 + " = 1",
+    "table": "x = 1\n[a" + ".a" * 50_000 + "]",
+    "inline": "x = {a" + ".a" * 50_000 + " = 1}",
+    "quoted": '"a b"' + '."a b"' * 20_000 + " = 1",
+    "single": "'a b'" + ".'a b'" * 20_000 + " = 1",
+}
+
+
+@pytest.mark.parametrize("content", LONG_KEYS.values(), ids=LONG_KEYS)
+def test_a_long_dotted_key_is_refused_at_once(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(content)
+    start = time.process_time()
+    with pytest.raises(InputError, match=r"file.toml: got a key of more than 32 parts in line \d"):
+        read_toml(path, "problem")
+    assert time.process_time() - start < 1.0
+
+
+@pytest.mark.parametrize(
+    "content", ["a" * 900_000, "a " * 400_000, '"' * 900_000, "'\"" * 400_000, "-." * 400_000]
+)
+def test_the_search_for_long_keys_takes_no_time(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(content)
+    start = time.process_time()
+    with pytest.raises(InputError):
+        read_toml(path, "problem")
+    assert time.process_time() - start < 2.0
+
+
+def test_keys_and_texts_of_many_dots_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text("a" + ".b" * 31 + " = 1\nx = '" + "." * 200 + " 1.2.3. and so on. ' # ..... \n")
+    assert read_toml(path, "problem")["x"].startswith("...")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
+from ergoqp.files import npz
 from ergoqp.identification.delay import delay_of
 from ergoqp.identification.identify import Identifier
 from ergoqp.identification.watched import Watched, rests_in, watched
@@ -167,6 +169,20 @@ def test_entries_that_are_nearly_right_are_one_sentence(name: str, wrong: Any) -
         ergoqp.identify(problem, entries)
 
 
+def test_a_folder_with_a_pipe_or_too_much_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, _, run, _ = logged()
+    run.save(tmp_path)
+    monkeypatch.setattr(npz, "LARGEST", 10_000)
+    with pytest.raises(InputError, match=r"got \d+ bytes of arrays, allowed 10000"):
+        ergoqp.identify(problem, tmp_path)
+    (tmp_path / "run.npz").unlink()
+    os.mkfifo(tmp_path / "run.npz")
+    with pytest.raises(InputError, match=r"^rests: got the folder .*got no file"):
+        ergoqp.identify(problem, tmp_path)
+
+
 def test_folders_of_anything_are_one_sentence(tmp_path: Path) -> None:
     problem, _, run, _ = logged()
     run.save(tmp_path)
@@ -196,7 +212,7 @@ def test_folders_of_anything_are_one_sentence(tmp_path: Path) -> None:
         ("time", run.time * np.nan),
     ):
         np.savez(path, **(right | {name: wrong}))
-        with pytest.raises(InputError, match=r"^rests: the folder"):
+        with pytest.raises(InputError, match=r"^rests: (got )?the folder"):
             ergoqp.identify(problem, tmp_path)
     np.savez(path, **right)
     assert ergoqp.identify(problem, tmp_path).rests >= 1

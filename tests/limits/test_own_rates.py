@@ -130,6 +130,20 @@ class Eager(Ceiling):
         return Rows(rows.matrix, rows.below, rows.above, rows.rate, ca.DM([-0.1]))
 
 
+class Nowhere(Ceiling):
+    """A distance that is not a number in half of the space."""
+
+    def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
+        return super().told(situation, matrix, above + 1e-9 * ca.sqrt(situation.pose[1, 3]))
+
+
+class Shy(Ceiling):
+    """Margins that are smaller than the distances, and not said to be bounds."""
+
+    def margins(self, situation: Situation, displacement: Any) -> Any:
+        return super().margins(situation, displacement) - 0.1
+
+
 def with_limit(limit: Any) -> ergoqp.Problem:
     problem = ergoqp.load_problem("screwing")
     return problem.replace(limits=[*problem.limits, limit])
@@ -176,6 +190,8 @@ def test_a_region_of_a_user_is_tried() -> None:
         (Uncounted(), "margins that do not become smaller by situation.lost"),
         (Carefree(hard=False), "margins above the distances at rest"),
         (Eager(), "a negative rate or reserve"),
+        (Nowhere(), "NaN, allowed numbers, and inf where there is no end"),
+        (Shy(), "margins below the distances at rest"),
     ],
 )
 def test_one_that_contradicts_itself_is_refused(limit: Own, words: str) -> None:

@@ -1,6 +1,7 @@
 """The exact score of postures: against a second, plain reading; at band ends; for bad input."""
 
 import inspect
+from typing import Any
 
 import numpy as np
 import pytest
@@ -290,3 +291,54 @@ def test_mirrored_postures_score_the_same(seed):
         mirrored[:, INDEX[name]] *= -1
     mirrored[:, 6:] = postures[:, [*range(13, 20), *range(6, 13), *range(26, 32), *range(20, 26)]]
     np.testing.assert_array_equal(reba.assess(mirrored).final, reba.assess(postures).final)
+
+
+@pytest.mark.parametrize("degrees", [20, 45, 60, 90, 100, 180])
+def test_band_ends_of_32_bit_numbers_belong_to_the_lower_score(degrees: int) -> None:
+    joints = (joint for joint in range(32) if LOWER[joint] <= np.radians(degrees) <= UPPER[joint])
+    joints = list(range(32)) if degrees == 180 else list(joints)
+    exact = np.zeros((len(joints), 32))
+    exact[range(len(joints)), joints] = np.radians(degrees)
+    narrow = np.zeros(exact.shape, dtype=np.float32)
+    narrow[range(len(joints)), joints] = np.radians(np.float32(degrees))
+    twice = np.float32(degrees) * np.float32(np.pi) / np.float32(180) * (narrow > 0)
+    expected = reba.assess(exact)
+    for angles in (narrow, twice, list(narrow)):
+        found = reba.assess(angles)
+        np.testing.assert_array_equal(found.final, expected.final)
+        for name, scores in expected.segments.items():
+            np.testing.assert_array_equal(found.segments[name], scores)
+        np.testing.assert_array_equal(found.outside, expected.outside)
+
+
+def test_a_ten_thousandth_of_a_degree_beyond_a_band_end_counts() -> None:
+    posture = np.zeros((2, 32))
+    posture[:, INDEX["trunk_flexion"]] = np.radians([60.0, 60.0001])
+    assert reba.assess(posture).segments["trunk"].tolist() == [3, 4]
+
+
+def worst_of(*frames: tuple[float, float, float], time: Any = None) -> int:
+    """The worst of postures with these flexions of trunk, neck and right shoulder [deg]."""
+    postures = np.zeros((len(frames), 32))
+    joints = [INDEX[name] for name in ("trunk_flexion", "neck_flexion", "right_shoulder_flexion")]
+    postures[:, joints] = np.radians(frames)
+    return reba.assess(postures).worst(time)
+
+
+def test_ties_of_the_worst_posture_go_by_both_scores_and_then_by_duration() -> None:
+    rest, low, high = (0.0, 0.0, 0.0), (70.0, 0.0, 30.0), (70.0, 0.0, 60.0)
+    postures = np.zeros((3, 32))
+    joints = [INDEX[name] for name in ("trunk_flexion", "neck_flexion", "right_shoulder_flexion")]
+    postures[:, joints] = np.radians([rest, low, high])
+    assert reba.assess(postures).final.tolist() == [1, 3, 3]  # low and high differ in score B only
+    assert worst_of(rest, low, low, low, rest, high, rest) == 5
+    assert worst_of(rest, low, rest, low, low, rest) == 3
+    assert worst_of(low, rest, low, rest) == 0
+    assert worst_of(low, rest, low, rest, time=[0.0, 0.1, 0.2, 0.5]) == 2
+    assert worst_of(low, low, rest, low, time=[0.0, 0.1, 0.2, 0.3]) == 0
+    assert worst_of(low) == 0
+    unknown = (np.nan, 0.0, 0.0)
+    assert worst_of(unknown, rest) == 1
+    assert worst_of(unknown, unknown) == 0
+    with pytest.raises(InputError, match="worst: got no posture"):
+        reba.assess(np.zeros((0, 32))).worst()

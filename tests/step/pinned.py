@@ -19,6 +19,7 @@ import numpy as np
 from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.workspace import frame_of
@@ -62,11 +63,24 @@ class Loop:
     oddity: str = ""
 
 
+def apart(name: str) -> Problem:
+    """A problem whose postures and poses have nothing to do with each other."""
+    return load_problem(name).replace(frames=Frames(compare=False))
+
+
+def facing(name: str) -> Problem:
+    """A problem whose frames put the pose in the middle where the comfort posture has it."""
+    problem = load_problem(name)
+    comfort = problem.response.comfort  # type: ignore
+    contact = problem.response.contact()(comfort)[0].full()
+    return problem.replace(frames=Frames(base=contact @ np.linalg.inv(amid(problem))))
+
+
 def narrow(
     name: str, robot: DeclaredRobot = NOTHING, average: float | None = None, **joints: Any
 ) -> Problem:
     """A problem in a small box and cone, with an object that is mostly at some wall."""
-    problem = load_problem(name)
+    problem = apart(name)
     box, cone, ranges = (problem.limit_of(kind) for kind in (WorkspaceBox, AxisCone, JointLimit))
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     middle = (lower + upper) / 2
@@ -144,10 +158,11 @@ LOOPS: dict[str, Loop] = {
         lambda: narrow("desk", DeclaredRobot(delay=0.01, gain_error=0.03), 0.02),
         RobotKind(delay=0.01, gain=0.98),
     ),
-    "rests": Loop(lambda: load_problem("overhead"), steps=320, every=240),
-    "guided": Loop(lambda: load_problem("overhead"), guided=True, steps=640, every=1000),
-    "learned": Loop(lambda: load_problem("screwing_learned"), reports="both"),
+    "rests": Loop(lambda: apart("overhead"), steps=320, every=240),
+    "guided": Loop(lambda: apart("overhead"), guided=True, steps=640, every=1000),
+    "learned": Loop(lambda: apart("screwing_learned"), reports="both"),
     "points": Loop(lambda: load_problem("forearm"), reports="nothing"),
+    "compared": Loop(lambda: facing("screwing"), steps=240, every=60),
 }
 
 

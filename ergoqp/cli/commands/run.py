@@ -264,7 +264,7 @@ def _from_recording(
 
 
 def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
-    """Return the frame nearest to a time, or the first frame with the highest score.
+    """Return the frame nearest to a time, or the worst one, see `Assessment.worst`.
 
     Raises:
         InputError: if the recording has no such time, or shows no posture.
@@ -273,7 +273,7 @@ def frame_of_recording(problem: Problem, recording: Recording, at: float | None)
         causes = ", ".join(recording.not_scored)
         raise InputError(f"--from: no frame of the recording shows a posture ({causes})")
     if at is None:
-        return int(np.argmax(problem.assess(recording.scored_postures).final))
+        return problem.assess(recording.scored_postures).worst(recording.time)
     first, last = float(recording.time[0]), float(recording.time[-1])
     # A time as printed with two digits must be allowed.
     if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):

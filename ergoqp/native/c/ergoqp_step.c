@@ -107,6 +107,7 @@ static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, 
     memcpy(output->multipliers, FOUND(multipliers), ERGOQP_ROWS * sizeof(double));
     memcpy(output->outside, FOUND(outside), ERGOQP_ROWS * sizeof(double));
     COPY(output->locked, FOUND(locked));
+    COPY(output->amiss, FOUND(amiss));
     output->qp_residual = FOUND(residuals)[0];
     output->contact = FOUND(residuals)[1];
     output->accepted = FOUND(residuals)[2];
@@ -114,6 +115,9 @@ static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, 
     output->causes = (int)*FOUND(causes);
     output->fault = (int)FOUND(fault)[0];
     output->fault_amount = FOUND(fault)[1];
+    output->doubted = FOUND(frames)[2] >= ERGOQP_DOUBTED;
+    output->apart = FOUND(frames)[4];
+    output->apart_angle = FOUND(frames)[5];
 #ifdef ERGOQP_GUIDE
     output->drawn = (int)*FOUND(drawn);
 #endif

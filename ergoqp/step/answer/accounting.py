@@ -34,6 +34,7 @@ _ACCOUNTED: Final = (
     "outside",
     "next_rest",
     "share",
+    "unusable",
     "begun",
     "own",
     "sent",
@@ -81,6 +82,7 @@ _CLOSED: Final = (
     "solved",
     "next_rest",
     "share",
+    "unusable",
     "begun",
     "own",
     "sent",
@@ -93,7 +95,8 @@ def _close_function(model: StepModel) -> ca.Function:
     """Return the function for the planned twist, the sent twist, and the status of the step."""
     problem, sx = model.problem, model.symbols(_CLOSED)
     share = largest(sx["share"])
-    accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
+    fits = ca.logic_and(sx["solved"], ca.logic_not(sx["unusable"]))
+    accepted = ca.logic_and(ca.logic_and(sx["usable"], fits), share > 0)
     planned = sx["brake"] + ca.if_else(accepted, sx["share"], 0) * (sx["wanted"] - sx["brake"])
     if problem.surface is not None:
         mending = ca.DM(problem.twist_limit.acceleration) * sx["usable"]
@@ -108,6 +111,7 @@ def _close_function(model: StepModel) -> ca.Function:
     failed = ca.if_else(
         sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved
     )
+    failed = ca.if_else(sx["unusable"], 2.0**Cause.term, failed)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
     status = ca.if_else(is_set(sx["next_rest"][0]), int(Status.settled), int(Status.optimal))
     status = ca.if_else(sx["used"], int(Status.relaxed), status)

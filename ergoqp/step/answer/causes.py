@@ -43,3 +43,5 @@ class Cause(IntEnum):
     short_periods = 15
     latched = 16
     no_way_out = 17
+    term = 18
+    frames = 19

@@ -12,7 +12,9 @@ from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.answer.account import Account
+from ergoqp.step.answer.amiss import AHEAD, PARTS
 from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.frames_check import frames_sentence
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.program.bounds import limit_values
 from ergoqp.step.robot_watch.faults import fault_sentence
@@ -43,7 +45,7 @@ def reason_of(
         age: age as given [s].
         notes: what was wrong with inputs before they became numbers, by their name.
     """
-    log = [notes["log"]] if "log" in notes else []
+    log = [notes[name] for name in ("late", "log") if name in notes]
     status, margins = Status[account.status], account("margins")
     causes = [cause for cause in Cause if int(account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
@@ -97,6 +99,8 @@ def reason_of(
             parts.append(_held(names[i], margins[i]))
             continue
         parts.append(f"{beyond(i)}, {why}")
+    if doubt := frames_sentence(problem, account("frames")):
+        parts.append(doubt)
     return "; ".join([*parts, *log])
 
 
@@ -118,16 +122,22 @@ def _cause(
     if cause is Cause.posture:
         return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
     if cause is Cause.pose:
-        return notes.get("pose", "pose is not finite, far away or not a rigid motion")
+        return notes.get(
+            "pose", "pose is not finite, over 100 m away or not a rigid motion: is it in m?"
+        )
     if cause is Cause.twist:
         return notes.get("twist", "twist is not finite or huge")
     if cause is Cause.disabled:
         return notes.get("enable", "not enabled")
+    if cause is Cause.frames:
+        return frames_sentence(problem, account("frames"))
     if cause is Cause.robot:
         kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
     if cause is Cause.asked:
         return notes.get("deadline", "asked to brake")
+    if cause is Cause.term:
+        return notes.get("term") or _no_number(problem, account)
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: (
@@ -171,6 +181,25 @@ def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
         f"the object is {' and '.join(found)}, and no straight way leads from there to a place"
         " where all limits hold: it rests until it is moved by hand"
     )
+
+
+def _no_number(problem: Problem, account: Account) -> str:
+    """Return which terms gave no usable number."""
+    if not account("pose_used")[-1]:
+        return "response: got a contact that is no rigid pose, allowed one within 100 m"
+    flags = account("amiss") > 0.5
+    said: dict[str, str] = {}
+    for (term, part), wrong in zip(PARTS, flags, strict=False):
+        # Without a sensitivity, nothing that follows from it is a number either.
+        if wrong and not ("response" in said and part == AHEAD):
+            of = f" of {problem.cost.name}" if term == "cost" else ""
+            found = f"{term}: got {part}{of} that is NaN or infinite, allowed finite numbers"
+            said.setdefault(term, found)
+    rows = np.flatnonzero(flags[len(PARTS) :]).tolist()
+    if rows and "response" not in said:
+        names = ", ".join(spoken(problem.row_names[row]) for row in rows)
+        said["limits"] = f"limits: got NaN in rows or margins of {names}, allowed numbers"
+    return "; ".join(said.values())
 
 
 def _unmeasured(robot: DeclaredRobot) -> str:

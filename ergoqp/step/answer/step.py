@@ -109,7 +109,11 @@ class Step:
     def reason(self) -> str:
         """One sentence that names the cause; empty for a plain optimal step."""
         posture, dt, age = self._seen
-        return reason_of(self._problem, self._account, posture, dt, age, self._notes)
+        notes = self._notes
+        if "slow" in notes and self.solve_time > dt:
+            late = f"the step took {1e3 * self.solve_time:.3g} ms of its period of {1e3 * dt:g} ms"
+            notes = {**notes, "late": f"{late}; the slowest term is {notes['slow']}"}
+        return reason_of(self._problem, self._account, posture, dt, age, notes)
 
     @cached_property
     def margins(self) -> dict[str, float]:

@@ -10,7 +10,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import by_name, dense, written_out
+from ergoqp.expressions.linear import by_name, dense, marked, written_out
 from ergoqp.limits import Rows
 from ergoqp.limits.stop import Braking, on_surface
 from ergoqp.problem.problem import Problem
@@ -81,6 +81,10 @@ def pass_data(model: StepModel) -> ca.Function:
         problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"]
     )
     H, g = objective(model, mx, S, E)
+    # Bounds drop the NaN of a row. In the objective it shows in the residual.
+    seen = [k for k, row in enumerate(kept) if row in model.watched_rows]
+    if seen:
+        g = marked(g, *(ca.sumsqr(getattr(rows, part)[seen]) for part in _VECTORS))
     found = {
         "H": H,
         "g": g,

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import casadi as ca
 
-from ergoqp.expressions.linear import by_name, dense
-from ergoqp.limits import Limit, Situation
+from ergoqp.expressions.linear import by_name, dense, marked
+from ergoqp.limits import Limit, Rows, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.step.model import StepModel
 
@@ -44,6 +44,7 @@ class Margins:
             if _linear(limit):
                 rows = limit.rows(situation)
                 matrix, rate, margins = rows.matrix, rows.rate, ca.fmin(rows.below, rows.above)
+                margins = with_nan(model, limit, rows, margins)
             else:
                 found = by_name(_curved_here(model, limit), known)
                 matrix, rate, margins = found["matrix"], found["rate"], found["margins"]
@@ -78,9 +79,18 @@ def _curved_here(model: StepModel, limit: Limit) -> ca.Function:
     sx = model.symbols(_HERE)
     situation = model.situation(sx, model.sparse(sx["S"]))
     rows = limit.rows(situation)
-    still = [rows.matrix, rows.rate, limit.margins(situation, ca.SX(6, 1))]
+    margins = with_nan(model, limit, rows, limit.margins(situation, ca.SX(6, 1)))
+    still = [rows.matrix, rows.rate, margins]
     names = ["matrix", "rate", "margins"]
     return ca.Function("curved_here", list(sx.values()), ca.cse(dense(still)), list(sx), names)
+
+
+def with_nan(model: StepModel, limit: Limit, rows: Rows, margins: Expression) -> Expression:
+    """Return margins (m,) that are NaN where any number of a watched row is."""
+    if limit.names[0] not in model.watched:
+        return margins
+    ends = (rows.below, rows.above, rows.rate, rows.reserve)
+    return marked(margins, *ends, *ca.horzsplit(rows.matrix))
 
 
 def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
@@ -116,7 +126,7 @@ def smallest_margins(
     margins = None
     for column, situation in enumerate(situations if limit.hard else situations[:1]):
         on = limit.margins(situation, ways[:, column])
-        margins = on if margins is None else ca.fmin(margins, on)
+        margins = on if margins is None else marked(ca.fmin(margins, on), margins, on)
     return margins
 
 

@@ -51,7 +51,8 @@ def cost_function(model: StepModel) -> ca.Function:
     """
     problem, n = model.problem, len(model.problem.coordinates)
     q, observed = ca.MX.sym("q", n), ca.MX.sym("observed", n)
-    value, slope = _value_and_gradient(problem, q)
+    none = ca.MX(np.nan), ca.MX(ca.DM.zeros(n))
+    value, slope = none if model.spare else _value_and_gradient(problem, q)
     weights, away = _comfort(problem), q - model.stand_in
     total = value + ca.dot(weights, away**2) / 2
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
@@ -191,6 +192,8 @@ def gain_function(model: StepModel) -> ca.Function:
     ahead = _values(problem, seen) + ca.mtimes(_comfort(problem).T, away**2) / 2
     gain = ca.if_else(pace > 1e-6, inputs[1] - ca.mmin(ahead), 0)
     names = (["posture", "total", "xi", "S"], ["gain"])
+    if model.spare:
+        return ca.Function("gain", inputs, [ca.MX(0)], *names)
     function = ca.Function("gain", inputs, [gain], *names)
     if _is_dense(problem):
         return function

@@ -54,9 +54,7 @@ _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn
 
 def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
     problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
-    landed, rows, off = _hard_rows(model)(
-        pose, found["total"], found["readings"], found["astray"]
-    )
+    landed, rows, off = _hard_rows(model)(pose, found["total"], found["readings"], found["astray"])
     done = rows @ found["twists"]
     # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)

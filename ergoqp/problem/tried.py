@@ -1,0 +1,324 @@
+"""Whether a user's cost and response are what they say, tried at a few drawn postures.
+
+Terms of the package are skipped: its tests judge them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import weakref
+from collections.abc import Callable, Iterator
+from copy import copy
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.arguments import of_package
+from ergoqp.errors import ProblemError, in_words
+from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
+
+_POSTURES: Final = 8
+"""Number of postures that are drawn."""
+_POINTS: Final = 33
+"""Number of points on a line between two postures."""
+_HALVINGS: Final = 30
+"""How often a suspicious part of a line is halved; what is left is 1e-10 rad long."""
+_SUSPECTS: Final = 3
+"""Parts of a line that are looked into."""
+_SAME: Final = 1e-6
+"""Largest difference of what must be the same, relative to 1 + its size."""
+_KINK: Final = 1e-3
+"""Smallest jump of a slope that counts, relative to the largest slope on the line."""
+_SLOW: Final = 1e-3
+"""A term that takes longer is tried on one line only [s]."""
+_MOVES: Final = (-0.1, 3.0)
+"""How far the contact may move in the model per metre of the object."""
+
+_SEEN: Final[dict[tuple[int, tuple[str, ...]], tuple[weakref.ref[Any], float]]] = {}
+"""Terms that were tried, and how long they take [s]: a problem is often made anew."""
+
+
+def judge_terms(cost: Any, response: Any) -> dict[str, float]:
+    """Try the user's own cost and response.
+
+    Args:
+        cost: a term with the members of a cost.
+        response: a term with the members of a response.
+
+    Returns:
+        For each of the user's own terms, in words, how long one evaluation takes [s].
+
+    Raises:
+        ProblemError: if a term contradicts itself.
+    """
+    state = tuple(response.coordinates)
+    comfort = np.asarray(getattr(response, "comfort", np.zeros(len(state))), dtype=float)
+    found = {}
+    if not of_package(cost):
+        found[f"cost {cost.name}"] = _once(_Cost, cost, state, comfort)
+    if not of_package(response):
+        found["response"] = _once(_Response, response, state, comfort)
+    return found
+
+
+def _once(
+    judge: type[_Cost | _Response], term: Any, state: tuple[str, ...], comfort: np.ndarray
+) -> float:
+    """Return how long a term takes [s]; the same object is judged once."""
+    key = id(term), state
+    known = _SEEN.get(key)
+    if known is not None and known[0]() is term:
+        return known[1]
+    took = judge(term, state, comfort).judged()
+    with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
+        _SEEN[key] = weakref.ref(term, lambda _: _SEEN.pop(key, None)), took
+    return took
+
+
+def _drawn(state: tuple[str, ...], comfort: np.ndarray) -> np.ndarray:
+    """Return postures (k, n) from the comfort posture outward, to the ends of the ranges."""
+    rng = np.random.default_rng(0)
+    low, high = (LOWER, UPPER) if state == JOINTS else (comfort - 0.3, comfort + 0.3)
+    ends = rng.uniform(low, high, (_POSTURES, len(comfort)))
+    return comfort + np.linspace(0, 1, _POSTURES)[:, np.newaxis] * (ends - comfort)
+
+
+def _duration(evaluate: Callable[[], object]) -> float:
+    """Return the shortest of three durations [s]."""
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        evaluate()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+class _Cost:
+    """A user's cost, with its value and slope as functions of the state."""
+
+    def __init__(self, cost: Any, state: tuple[str, ...], comfort: np.ndarray) -> None:
+        # A copy: a user's cost may cache objects that cannot be sent to another process.
+        self.cost, self.state = copy(cost), state
+        self.postures = _drawn(state, comfort)
+        q = ca.MX.sym("q", len(state))
+        if getattr(cost, "dense", False):
+            self.function = ca.Function("cost", [q], list(self.cost.value_and_gradient(q)))
+        else:
+            value = self.cost.expression(q)
+            self.function = ca.Function("cost", [q], [value, ca.gradient(value, q)]).expand()
+
+    def at(self, posture: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return value and slope."""
+        value, slope = self.function(posture)
+        return float(value), np.array(slope).ravel()
+
+    def judged(self) -> float:
+        """Return how long an evaluation takes [s].
+
+        Raises:
+            ProblemError: if expression, call, minimum and slope do not fit together.
+        """
+        name, tried = self.cost.name, [self.at(posture) for posture in self.postures]
+        values = np.array([value for value, _ in tried])
+        if not (np.isfinite(values).all() and all(np.isfinite(slope).all() for _, slope in tried)):
+            raise ProblemError(
+                f"cost: got NaN or infinity from the expression of {name} or its slope within the"
+                " joint ranges, allowed finite numbers"
+            )
+        called = self._called()
+        apart = np.abs(called - values)
+        if not (apart <= _SAME * (1 + np.abs(values))).all():
+            worst = int(np.argmax(apart))
+            raise ProblemError(
+                f"cost: got {values[worst]:.6g} from the expression of {name} and"
+                f" {called[worst]:.6g} from its call at the same posture, allowed the same"
+            )
+        if values.min() < self.cost.minimum - _SAME * (1 + abs(self.cost.minimum)):
+            raise ProblemError(
+                f"cost: got minimum {self.cost.minimum:g} of {name}, but {values.min():.6g} at a"
+                " posture, allowed at most its least value"
+            )
+        took = _duration(lambda: self.at(self.postures[1]))
+        for end in self.postures[-1:] if took > _SLOW else self.postures[1:]:
+            self._smooth(self.postures[0], end)
+        return took
+
+    def _called(self) -> np.ndarray:
+        """Return the values of the call (k,)."""
+        allowed = f"costs ({_POSTURES},) of postures ({_POSTURES}, {len(self.state)})"
+        try:
+            called = np.asarray(self.cost(self.postures), dtype=float)
+        except Exception as error:  # any error in the code of a user's cost
+            raise ProblemError(
+                f"cost: got {in_words(error)} from the call of {self.cost.name}, allowed {allowed}"
+            ) from None
+        if called.shape != (_POSTURES,):
+            raise ProblemError(
+                f"cost: got shape {called.shape} from the call of {self.cost.name}, allowed"
+                f" {allowed}"
+            )
+        return called
+
+    def _smooth(self, begin: np.ndarray, end: np.ndarray) -> None:
+        """Check that value and slope do not jump on a line.
+
+        Parts of the line in which they change most are halved again and again. What changes
+        smoothly changes less and less.
+        """
+        way = end - begin
+        shares = np.linspace(0, 1, _POINTS)
+        points = [self._on(begin, way, share) for share in shares.tolist()]
+        values, slopes = np.array(points).T
+        steepest = float(np.abs(slopes).max())
+        rises = np.abs(np.diff(values) - (slopes[1:] + slopes[:-1]) / 2 / (_POINTS - 1))
+        bends = np.abs(np.diff(slopes, 2, prepend=slopes[0], append=slopes[-1]))
+        bends = np.maximum(bends[1:], bends[:-1])
+        suspects = {
+            *np.argsort(rises)[-_SUSPECTS:].tolist(),
+            *np.argsort(bends)[-_SUSPECTS:].tolist(),
+        }
+        for part in sorted(suspects):
+            for what in (0, 1):
+                a, b = shares[part], shares[part + 1]
+                at_a, at_b = points[part], points[part + 1]
+                for _ in range(_HALVINGS):
+                    middle = float(a + b) / 2
+                    here = self._on(begin, way, middle)
+                    if abs(here[what] - at_a[what]) > abs(at_b[what] - here[what]):
+                        b, at_b = middle, here
+                    else:
+                        a, at_a = middle, here
+                leap = abs(at_b[what] - at_a[what])
+                if leap > (_KINK * steepest, _SAME * (1 + abs(at_a[0])))[1 - what]:
+                    self._refuse(begin + a * way, begin + b * way, what, leap)
+
+    def _on(self, begin: np.ndarray, way: np.ndarray, share: float) -> tuple[float, float]:
+        """Return value and slope along a line."""
+        value, slope = self.at(begin + share * way)
+        return value, float(slope @ way)
+
+    def _refuse(self, before: np.ndarray, after: np.ndarray, what: int, leap: float) -> None:
+        changes = np.abs(self.at(after)[1] - self.at(before)[1])
+        joint = int(np.argmax(changes))
+        at = np.degrees(before[joint]) if self.state == JOINTS else before[joint]
+        unit = " deg" if self.state == JOINTS else ""
+        where = f"at {spoken(self.state[joint])} {at:.3g}{unit}"
+        name = self.cost.name
+        found = (
+            f"a slope of {name} that jumps {where}" if what else f"a jump of {name} by {leap:.3g}"
+        )
+        raise ProblemError(
+            f"cost: got {found}, allowed an expression with a continuous slope (fmax(0, x)**2, not"
+            " fmax(0, x))"
+        )
+
+
+class _Response:
+    """A user's response, as functions of the state."""
+
+    def __init__(self, response: Any, state: tuple[str, ...], comfort: np.ndarray) -> None:
+        self.response, self.state, self.postures = response, state, _drawn(state, comfort)
+        q = ca.MX.sym("q", len(state))
+        try:
+            self.sensitivity, self.contact = response.sensitivity(), response.contact()
+            self.expression = ca.Function("expression", [q], [response.expression(q)])
+        except Exception as error:  # any error in the code of a user's response
+            raise ProblemError(
+                f"response: got {in_words(error)}, allowed the members of"
+                " ergoqp.responses.Response as CasADi makes them"
+            ) from None
+
+    def judged(self) -> float:
+        """Return how long an evaluation takes [s].
+
+        Raises:
+            ProblemError: if expression, sensitivity and contact do not fit together.
+        """
+        n = len(self.state)
+        shapes = self.sensitivity.size_out(0), self.expression.size_out(0)
+        if set(shapes) != {(n, 6)}:
+            raise ProblemError(
+                f"response: got shapes {shapes} from sensitivity and expression, allowed ({n}, 6)"
+            )
+        for number, posture in enumerate(self.postures):
+            S, E = (np.array(part) for part in self.sensitivity(posture, np.zeros(n)))
+            told = np.array(self.expression(posture))
+            if not (np.isfinite(S).all() and np.isfinite(E).all()):
+                raise ProblemError(
+                    "response: got NaN or infinity from the sensitivity within the joint ranges,"
+                    " allowed finite numbers"
+                )
+            apart = np.abs(told - S)
+            if not (apart <= _SAME * (1 + np.abs(S))).all():
+                raise ProblemError(
+                    "response: got an expression that is not what the sensitivity gives with"
+                    " nothing locked, allowed the same"
+                )
+            self._locks(posture, number)
+        moved = [move for posture in self.postures for move in self._moves(posture)]
+        for axis in range(3):
+            moves = [move for along, move in moved if along == axis]
+            if moves and not _MOVES[0] <= np.median(moves) <= _MOVES[1]:
+                raise ProblemError(
+                    f"response: got a contact that moves {np.median(moves):.2g} m along"
+                    f" {'xyz'[axis]} when the object moves 1 m, allowed about 1: contact and"
+                    " sensitivity must be of one person"
+                )
+        return _duration(lambda: self.sensitivity(self.postures[0], np.zeros(n)))
+
+    def _locks(self, posture: np.ndarray, number: int) -> None:
+        """Check that a locked joint does not move."""
+        joints = self.response.joints
+        joint = self.state.index(joints[number % len(joints)])
+        S = np.array(self.sensitivity(posture, np.eye(len(self.state))[joint])[0])
+        if S[joint].any():
+            raise ProblemError(
+                f"response: got a motion of {spoken(self.state[joint])} although it is locked,"
+                " allowed zeros in the sensitivity"
+            )
+
+    def _moves(self, posture: np.ndarray) -> Iterator[tuple[int, float]]:
+        """Yield axes and how far the contact of the model moves along them with the object."""
+        S = np.array(self.sensitivity(posture, np.zeros(len(self.state)))[0])
+        for pose in self.contact(posture):
+            turn = np.array(pose)[:3, :3]
+            rigid = np.allclose(turn.T @ turn, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
+            if not (rigid and np.isfinite(np.array(pose)).all()):
+                raise ProblemError(
+                    "response: got a contact that is no rigid pose, allowed poses (4, 4) of contact"
+                    " and pelvis"
+                )
+        step = 1e-5
+        for axis in range(3):
+            way = step * S[:, axis]
+            after, before = (np.array(self.contact(posture + way * sign)[0]) for sign in (1, -1))
+            moved = (after[:3, 3] - before[:3, 3]) / (2 * step)
+            if np.linalg.norm(moved) > 1e-6:
+                yield axis, float(moved[axis])
+
+
+def slowest(times: dict[str, float], dt: float) -> str:
+    """Return the slowest own term, in words, or nothing if none takes a tenth of a period."""
+    name = max(times, key=lambda each: times[each], default="")
+    return f"{name} ({1e3 * times[name]:.2g} ms)" if name and times[name] > dt / 10 else ""
+
+
+def check_pace(times: dict[str, float], dt: float) -> None:
+    """Check that no own term takes longer than a period.
+
+    Args:
+        times: how long each takes [s], see `judge_terms`.
+        dt: control period [s].
+
+    Raises:
+        ProblemError: if one does.
+    """
+    for name, took in times.items():
+        if took > dt:
+            raise ProblemError(
+                f"{name.split()[0]}: got {1e3 * took:.3g} ms for one evaluation of the {name},"
+                f" allowed less than the period of {1e3 * dt:g} ms: a longer dt or a simpler"
+                " expression"
+            )

@@ -1,0 +1,194 @@
+"""Comparison of the measured pose with where the posture has the contact: wrong frames are named.
+
+A pose in millimetres, of another frame or along another axis moves the person somewhere else, and
+no limit shows it. Posture and pose are compared every `PERIOD`. What is further apart than honest
+people ever are, at `BEYOND` comparisons in a row, brakes (`Cause.frames`). What no error of angles
+within `BIAS` and no stature within `STATURE` explains, at `DOUBTED` comparisons in a row, is only
+said in the reason.
+
+Frames do not change while people walk. So once posture and pose have agreed for `AGREED`
+comparisons, only the wide bounds brake: the person may have stepped aside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.expressions.linear import dense
+from ergoqp.problem.problem import Problem
+from ergoqp.step.packing import Sizes
+
+PERIOD: Final = 0.2
+"""Time between two comparisons [s]."""
+
+BEYOND: Final = 3
+DOUBTED: Final = 4
+AGREED: Final = 5
+"""Numbers of comparisons."""
+
+_FAR: Final = (0.38, float(np.radians(60.0)))
+"""Honest people are within this distance [m] and angle [rad], and less of both at once."""
+
+_WALKED: Final = (0.9, float(np.radians(90.0)))
+"""The same after they have walked."""
+
+BIAS: Final = float(np.radians(7.0))
+"""Error of every angle that explains a difference [rad]."""
+
+STATURE: Final = 0.16 / 1.75
+"""Error of every length of the person that explains a difference, as a share."""
+
+_UNIT: Final = 10.0
+"""From this distance on the unit is wrong, as no robot reaches so far [m]."""
+
+_NEAR: Final = (0.15, float(np.radians(20.0)))
+"""A smaller difference is not looked into, which saves time."""
+
+FRAMES: Final[Sizes] = {
+    "wait": (1, 1),  # time until the next comparison [s]
+    "beyond": (1, 1),  # comparisons beyond honest people, less those within them since
+    "doubted": (1, 1),  # the same of those that nothing explains
+    "agreed": (1, 1),  # comparisons within honest people in a row; stays at `AGREED`
+    "distance": (1, 1),  # of the last comparison [m]
+    "angle": (1, 1),  # the same of the tool's axis [rad]
+}
+"""What the comparison keeps; all zero at first."""
+
+
+def bounds(problem: Problem) -> tuple[float, float]:
+    """Return the distance [m] and the angle [rad] up to which posture and pose may be apart."""
+    frames = problem.frames
+    if frames.spread is None or frames.spread_deg is None:
+        return _FAR
+    # Calibrated with this person, whose other rests are up to twice as far off; and noise.
+    far = max(0.18, 0.08 + 2.2 * frames.spread), max(45.0, 25 + 1.5 * frames.spread_deg)
+    return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
+
+
+def compared_frames(problem: Problem, known: Mapping[str, ca.MX]) -> ca.MX:
+    """Return the next `FRAMES`, as one vector.
+
+    Args:
+        problem: the task, of a person.
+        known: ``posture``, ``observed`` (32,), ``pose`` (4, 4), ``frames``: the block before,
+            ``period`` [s], and ``compares``: whether posture and pose can be compared now.
+    """
+    names = ("posture", "observed", "pose", "frames", "period")
+    inputs = [ca.MX.sym(name, known[name].sparsity()) for name in names]
+    posture, observed, pose, block, period = inputs
+    contact = problem.response.contact()
+    difference = _difference(problem)
+    apart = difference(pose, contact(posture)[0])
+    explained = ca.Function.if_else("explained", _explained(problem), _near())
+    looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
+    judged = _judged(problem)(block, apart, explained(looks, posture, apart))
+    # Joints that are not seen are as in comfort here, which shows nothing.
+    needed = _needed(contact)
+    seen = ca.mmin(observed[needed]) > 0.5 if needed else ca.MX(1)
+    after = ca.if_else(seen, judged, block)
+    compare = ca.Function("compare", inputs, [ca.vertcat(PERIOD - period, after[1:])])
+    wait = ca.Function("wait", inputs, [ca.vertcat(block[0] - period, block[1:])])
+    choose = ca.Function.if_else("compare_or_wait", compare, wait)
+    return choose(known["compares"], *(known[name] for name in names))
+
+
+def frames_sentence(problem: Problem, parts: np.ndarray) -> str:
+    """Return what is said of the last comparison; empty if nothing.
+
+    Amounts are rounded, so that the sentence does not change with the noise.
+
+    Args:
+        problem: the task.
+        parts: `FRAMES` (6,).
+    """
+    _, beyond, doubted, agreed, distance, angle = parts.tolist()
+    if beyond < BEYOND and doubted < DOUBTED:
+        return ""
+    far = _WALKED if agreed >= AGREED and beyond >= BEYOND else bounds(problem)
+    apart = f"{distance:.1f} m and {np.degrees(angle) // 10 * 10:.0f} deg"
+    said = f"frames: the pose is about {apart} from where the posture has the contact frame"
+    if beyond >= BEYOND:
+        said += f", allowed {far[0]:.2g} m, {np.degrees(far[1]):.0f} deg or less of both"
+    elif problem.frames.spread is None:
+        said += ", more than angles 7 deg wrong and a stature 0.16 m wrong explain"
+    else:
+        said += ", more than at the rests of the calibration"
+    if distance > _UNIT:
+        return f"{said}: is it in m?"
+    if distance / far[0] < angle / far[1]:
+        return f"{said}: does x of the contact frame point along the tool?"
+    return f"{said}: are base and flange right, and does the person stand at the world's origin?"
+
+
+def _difference(problem: Problem) -> ca.Function:
+    """Return ``(measured, by posture) -> (6,)``: distance [m] and axis, less what is calibrated.
+
+    The last three entries are the difference of the axes of the tool, of length 2 sin(angle / 2).
+    The turn about the axis does not count: most grasps leave it free, and the wrist's errors add up
+    in it.
+    """
+    pose, contact = ca.SX.sym("pose", 4, 4), ca.SX.sym("contact", 4, 4)
+    shift = pose[:3, 3] - contact[:3, 3] - ca.DM(problem.frames.offset)
+    axis = pose[:3, 0] - contact[:3, 0]
+    return ca.Function("apart", [pose, contact], [ca.vertcat(shift, axis)])
+
+
+def _explained(problem: Problem) -> ca.Function:
+    """Return ``(posture, apart) -> (2,)``: how far errors within the bounds reach, as a share.
+
+    It is the largest change of the contact along the difference, over the difference; of the
+    position and of the axis. Below 1 nothing explains the difference.
+    """
+    posture, apart = ca.MX.sym("posture", len(problem.coordinates)), ca.MX.sym("apart", 6)
+    contact = problem.response.contact()(posture)[0]
+    parts = []
+    for place, part in ((contact[:3, 3], apart[:3]), (contact[:3, 0], apart[3:])):
+        reach = BIAS * ca.norm_1(ca.jtimes(place, posture, part, True))
+        if not parts:
+            reach += STATURE * ca.fabs(ca.dot(place, part))
+        parts.append(reach / ca.fmax(ca.sumsqr(part), 1e-12))
+    return ca.Function("looked_into", [posture, apart], [ca.vertcat(*parts)])
+
+
+def _near() -> ca.Function:
+    posture, apart = ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)
+    return ca.Function("near", [posture, apart], [ca.MX(ca.DM([1, 1]))])
+
+
+def _judged(problem: Problem) -> ca.Function:
+    """Return ``(block, apart, explained) -> next block``."""
+    block, apart, explained = ca.SX.sym("b", 6), ca.SX.sym("apart", 6), ca.SX.sym("explained", 2)
+    _, beyond, doubted, agreed, _, _ = ca.vertsplit(block)
+    distance = ca.norm_2(apart[:3])
+    angle = 2 * ca.asin(ca.fmin(ca.norm_2(apart[3:]) / 2, 1))
+    far = bounds(problem)
+    outside, walked = (
+        (distance / most[0]) ** 2 + (angle / most[1]) ** 2 > 1 for most in (far, _WALKED)
+    )
+    trusted = agreed >= AGREED
+    brakes = ca.if_else(trusted, walked, outside)
+    unlikely = ca.logic_or(outside, ca.mmin(explained) < 1)
+
+    def counted(before: ca.SX, more: ca.SX, enough: int) -> ca.SX:
+        return ca.if_else(more, ca.fmin(before + 1, enough + 2), ca.fmax(before - 1, 0))
+
+    agrees = ca.if_else(trusted, AGREED, ca.if_else(outside, 0, agreed + 1))
+    after = ca.vertcat(
+        0,
+        counted(beyond, brakes, BEYOND),
+        counted(doubted, unlikely, DOUBTED),
+        agrees,
+        distance,
+        angle,
+    )
+    return ca.Function("judged", [block, apart, explained], dense([after]))
+
+
+def _needed(contact: ca.Function) -> list[int]:
+    """Return the numbers of the joints that the contact depends on."""
+    pattern = contact.jac_sparsity(0, 0)
+    return sorted(set(pattern.get_triplet()[1]))

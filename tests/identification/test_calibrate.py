@@ -1,0 +1,124 @@
+"""Base and flange from rests of one person."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ergoqp
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.joints import INDEX
+from ergoqp.problem.frames import Frames
+from ergoqp.problem.problem import Problem
+
+TRUE = Frames(
+    [0.9, 0.2, 0.7, 0.1, 0.2, 0.3, np.sqrt(0.86)], [0.03, -0.02, 0.15, 0.5, -0.5, 0.5, 0.5]
+)
+
+
+def rests(
+    problem: Problem, count: int = 10, bias_deg: float = 0.0, stature: float = 1.75, seed: int = 0
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rests of a person, whose angles are read with a constant error."""
+    rng = np.random.default_rng(seed)
+    who = replace(problem.response, body=Body.of_stature(stature))
+    bias, found = np.radians(rng.uniform(-bias_deg, bias_deg, 32)), []
+    for _ in range(count):
+        posture = problem.response.comfort + 0.35 * rng.normal(size=32)
+        contact = np.array(who.contact()(posture)[0])
+        found.append((posture + bias, TRUE.reported_pose(contact)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return ergoqp.load_problem("screwing")
+
+
+def test_frames_of_the_model_person_are_found_exactly(problem: Problem) -> None:
+    found = ergoqp.calibrate_frames(problem, rests(problem))
+    # Up to what the weak prior of the frames pulls.
+    np.testing.assert_allclose(found.base, TRUE.base, atol=2e-3)
+    # The turn about the tool is free.
+    np.testing.assert_allclose(found.flange[:3, [0, 3]], TRUE.flange[:3, [0, 3]], atol=2e-3)
+    assert found.residual.max() < 1e-3
+    assert found.spread is not None
+    assert found.spread < 1e-3
+    assert found.undetermined == ()
+    assert found.left_out == ()
+
+
+def test_a_person_with_errors_is_calibrated_as_far_as_it_goes(problem: Problem) -> None:
+    given = rests(problem, 10, 7.0, 1.88)
+    found = ergoqp.calibrate_frames(problem, given)
+    honest = rests(problem, 10, 7.0, 1.88)
+    away = [
+        np.linalg.norm((found.contact_pose(pose) - TRUE.contact_pose(pose))[:3, 3])
+        for _, pose in honest
+    ]
+    assert max(away) < 0.2
+    assert found.spread is not None
+    assert found.spread < 0.15
+    # Nearer to the truth where a part is known, and unsure only of the rest.
+    known = ergoqp.calibrate_frames(problem.replace(frames=TRUE), given, known=["base", "flange"])
+    assert known == Frames(
+        TRUE.base, TRUE.flange, None, known.offset, known.spread, known.spread_deg
+    )
+    assert known.unsure["base_m"] == 0.0
+
+
+def test_a_wild_rest_is_left_out(problem: Problem) -> None:
+    given = rests(problem)
+    posture, pose = given[3]
+    given[3] = (posture, pose @ TRUE.base)
+    found = ergoqp.calibrate_frames(problem, given)
+    assert np.linalg.norm(found.base[:3, 3] - TRUE.base[:3, 3]) < 0.1
+    assert found.left_out == (3,)
+    assert found.rests == 9
+
+
+def test_rests_that_are_too_similar_are_said_to_be(problem: Problem) -> None:
+    posture = np.array(problem.response.comfort)
+    given = []
+    for turn in (0.0, 0.03, 0.06):
+        posture = posture.copy()
+        posture[INDEX["right_elbow_flexion"]] += turn
+        given.append(
+            (posture, TRUE.reported_pose(np.array(problem.response.contact()(posture)[0])))
+        )
+    found = ergoqp.calibrate_frames(problem, given)
+    assert any("the rests are too similar" in sentence for sentence in found.undetermined)
+    # Near them they are good.
+    contact = np.array(problem.response.contact()(given[1][0])[0])
+    assert np.linalg.norm((found.contact_pose(given[1][1]) - contact)[:3, 3]) < 0.01
+
+
+def test_the_log_of_a_stepper_is_read_as_the_robot_reported(problem: Problem) -> None:
+    log: list[dict[str, object]] = []
+    stepper = ergoqp.Stepper(problem, log=log.append)
+    for posture, pose in rests(problem, 3):
+        for _ in range(600):
+            stepper.step(posture, pose=pose)
+    found = ergoqp.calibrate_frames(problem, log)
+    assert found.rests == 3
+    assert found.residual.max() < 0.01
+
+
+def test_wrong_arguments_are_named(problem: Problem) -> None:
+    good = rests(problem, 3)
+    with pytest.raises(InputError, match="rests: got 2, allowed at least 3"):
+        ergoqp.calibrate_frames(problem, good[:2])
+    with pytest.raises(InputError, match="known: got camera, allowed 'base' or 'flange'"):
+        ergoqp.calibrate_frames(problem, good, known=["camera"])
+    with pytest.raises(InputError, match="has no person"):
+        ergoqp.calibrate_frames(ergoqp.load_problem("forearm"), good)
+    unseen = good[0][0].copy()
+    unseen[INDEX["right_elbow_flexion"]] = np.nan
+    with pytest.raises(InputError, match="a joint between floor and hand was not seen"):
+        ergoqp.calibrate_frames(problem, [(unseen, good[0][1]), *good[1:]])
+    unseen = good[0][0].copy()
+    unseen[INDEX["left_elbow_flexion"]] = np.nan
+    ergoqp.calibrate_frames(problem, [(unseen, good[0][1]), *good[1:]])
