@@ -29,7 +29,7 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.seeking.thought import a_place
 
 TARGET = Path(__file__).with_suffix(".c")
-SOURCES = ("src/ergoqp_core.c", "src/ergoqp_step.c", "src/ergoqp_names.c", "src/qp.c")
+CORE, OTHERS = "src/ergoqp_core.c", ("src/ergoqp_step.c", "src/ergoqp_names.c", "src/qp.c")
 SANITIZERS = "address,undefined,float-cast-overflow"
 
 
@@ -75,17 +75,30 @@ def fuzz(problem: Problem, seconds: int, how: str, guide: Any = None) -> Fuzzed:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "step"
         export_step(problem, folder, guide)
-        flags = ["-std=c99", "-g", "-O1", "-Wall", "-fno-sanitize-recover=all"]
-        flags += [f"-I{name}" for name in ("include", "src", "daqp/include")]
         if how == "libFuzzer":
-            command = ["clang", f"-fsanitize=fuzzer,{SANITIZERS}"]
+            compiler, kinds = "clang", f"fuzzer-no-link,{SANITIZERS}"
+            core, end = ["-fsanitize=address", "-mllvm", "-asan-stack=0"], f"fuzzer,{SANITIZERS}"
             begin = ["./fuzz", f"-max_total_time={seconds}", "-max_len=4096", "-seed=1"]
             begin += ["-print_final_stats=1", "-rss_limit_mb=4096"]
         else:
             compiler = "gcc" if shutil.which("gcc") else "clang"
-            command = [compiler, f"-fsanitize={SANITIZERS}", f"-DSECONDS={seconds}"]
-            begin = ["./fuzz"]
-        command += [*flags, str(TARGET), *SOURCES, "daqp/lib/libdaqpstat.a", "-lm", "-o", "fuzz"]
+            kinds, end, begin = SANITIZERS, SANITIZERS, ["./fuzz"]
+            core = ["-fsanitize=address"]
+            core += (
+                ["--param", "asan-stack=0"] if compiler == "gcc" else ["-mllvm", "-asan-stack=0"]
+            )
+        flags = ["-std=c99", "-g1", "-Wall", "-fno-sanitize-recover=all", f"-DSECONDS={seconds}"]
+        flags = flags[:-1] if how == "libFuzzer" else flags
+        flags += [f"-I{name}" for name in ("include", "src", "daqp/include")]
+        # The generated function is straight code with thousands of variables: with all of this a
+        # compiler takes half an hour for it, and every call sets guards around each of them.
+        for source in (CORE, *OTHERS, str(TARGET)):
+            own = ["-O0", *core] if source == CORE else ["-O1", f"-fsanitize={kinds}"]
+            command = [compiler, *own, *flags, "-c", source, "-o", f"{Path(source).stem}.o"]
+            subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        objects = [f"{Path(source).stem}.o" for source in (CORE, *OTHERS, str(TARGET))]
+        command = [compiler, f"-fsanitize={end}", *objects, "daqp/lib/libdaqpstat.a", "-lm"]
+        command += ["-o", "fuzz"]
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
         done = subprocess.run(begin, cwd=folder, capture_output=True, text=True, check=False)
     said = done.stdout + done.stderr

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 
 from ergoqp.step.guide.place import Guide
 from ergoqp.step.model import StepModel
 
+Frame: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Posture and mask of a frame, as read (n,) each."""
 
-class Ready(NamedTuple):
-    """What the next call starts from.
+Ready: TypeAlias = tuple[np.ndarray, np.ndarray, Mapping[str, str], Frame]
+"""What the next call starts from: usual inputs, state, notes, and the last frame.
 
-    It is never written to, but replaced as one, as the last operation of a call. So an exception at
-    any point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call.
-
-    Attributes:
-        inputs: all inputs of the function: the usual ones, the guide, and the state.
-        notes: what was wrong with the guide.
-        frame: posture and mask of the last frame, as read (n,) each.
-    """
-
-    inputs: np.ndarray
-    notes: Mapping[str, str]
-    frame: tuple[np.ndarray, np.ndarray]
+It is never written to, but replaced as one, as the last operation of a call. So an exception at any
+point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call. The usual
+inputs are all inputs of the function, one after the other, with the guide; the notes say what was
+wrong with the guide. A plain tuple is the fastest to make.
+"""
 
 
 class Layout:
@@ -41,7 +36,7 @@ class Layout:
         self.at, self.parts = at, model.places
         self._dt, self._n = model.problem.dt, len(model.problem.coordinates)
 
-    def usual(self, size: int, state: np.ndarray, place: Guide | None) -> Ready:
+    def begin(self, size: int, state: np.ndarray, place: Guide | None) -> Ready:
         """Return what the first call starts from.
 
         Args:
@@ -49,34 +44,25 @@ class Layout:
             state: the initial state.
             place: place of the guide. None: there is none.
         """
-        inputs, at = np.zeros(size), self.at
+        usual = np.zeros(size)
         for name in ("observed", "frame", "enable"):
-            inputs[at[name]] = 1.0
-        inputs[at["dt"]], inputs[at["state"]] = self._dt, state
+            usual[self.at[name]] = 1.0
+        usual[self.at["dt"]] = self._dt
         if place is not None:
-            self.lead(inputs, place)
-        return Ready(inputs, {}, (np.zeros(self._n), np.ones(self._n)))
+            usual = self.led(usual, place)
+        return usual, state, {}, (np.zeros(self._n), np.ones(self._n))
 
-    def lead(self, inputs: np.ndarray, place: Guide | None) -> None:
-        """Write the inputs of a guide; None: there is none."""
-        at = self.at
-        inputs[at["guided"]] = place is not None
+    def led(self, usual: np.ndarray, place: Guide | None) -> np.ndarray:
+        """Return the usual inputs with another guide; None: there is none."""
+        usual, at = usual.copy(), self.at
+        usual[at["guided"]] = place is not None
         if place is not None:
-            inputs[at["guide"]], inputs[at["promise"]] = place.pose.T.ravel(), place.expected
+            usual[at["guide"]], usual[at["promise"]] = place.pose.T.ravel(), place.expected
+        return usual
 
-    def state(self, ready: Ready) -> np.ndarray:
-        """Return the state, which must not be written to."""
-        return ready.inputs[self.at["state"]]
-
-    def with_state(self, ready: Ready, state: np.ndarray) -> Ready:
-        """Return the same with another state."""
-        inputs = ready.inputs.copy()
-        inputs[self.at["state"]] = state
-        return Ready(inputs, ready.notes, ready.frame)
-
-    def forgotten(self, ready: Ready, *names: str) -> Ready:
-        """Return the same with parts of the state that are zero."""
-        state = self.state(ready).copy()
+    def forgotten(self, state: np.ndarray, *names: str) -> np.ndarray:
+        """Return a state with parts that are zero."""
+        state = state.copy()
         for name in names:
             state[self.parts[name]] = 0.0
-        return self.with_state(ready, state)
+        return state

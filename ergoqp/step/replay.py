@@ -70,10 +70,12 @@ def replay(
                 f"log: entry {number} is not one of a loop of this problem ({error}), allowed the"
                 " dicts that its log sink got"
             ) from None
+        stepper._raised.clear()
         stepper._call()
         if entry.get("instead"):  # the answer before was too late, and this one was sent
             steps.pop()
-        steps.append(stepper._answer(stepper._ready, notes, time.perf_counter()))
+        frame = (stepper._inputs["posture"].copy(), stepper._inputs["observed"].copy())
+        steps.append(stepper._answer(stepper._ready, notes, time.perf_counter(), frame))
     return steps
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -23,7 +22,7 @@ from ergoqp.step.answer.step import Step
 from ergoqp.step.function import build_step, step_function
 from ergoqp.step.guide.place import read_guide
 from ergoqp.step.model import StepModel
-from ergoqp.step.ready import Layout, Ready
+from ergoqp.step.ready import Frame, Layout, Ready
 from ergoqp.step.rest import stalled
 from ergoqp.step.spare import callers, guarded
 from ergoqp.step.state import state_at_start
@@ -103,8 +102,9 @@ class Stepper:
         self.problem = problem if dt is None else problem.replace(dt=float(dt))
         self.dt = self.problem.dt
         self._shape = (len(self.problem.coordinates),)
+        self._all = np.ones(self._shape)
         self._log = log
-        self._deadline = math.inf if deadline is None else float(deadline)
+        self._deadline = None if deadline is None else float(deadline)
         self._longest_stop = self.problem.stop.duration
         self._solver = read_solver(solver)
         self._loop = {"dt": self.dt, "solver": self._solver.name, "compiled": compiled}
@@ -119,7 +119,7 @@ class Stepper:
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
-        self._ready = self._layout.usual(self._given.size, self._begin, place)
+        self._ready = self._layout.begin(self._given.size, self._begin, place)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
@@ -136,10 +136,9 @@ class Stepper:
         # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
         # The state that one step hands to the next.
-        self._state_out = evaluator.outputs["next_state"]
+        self._state_in, self._state_out = self._inputs["state"], evaluator.outputs["next_state"]
         self._status_at = self._slices["status"].start
-        at, parts = self._layout.at, self._layout.parts
-        self._held_at = at["state"].start + parts["on_hold"].start
+        self._held_at = self._layout.parts["on_hold"].start
         # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
 
@@ -149,8 +148,8 @@ class Stepper:
         It is the input ``state`` of `ergoqp.step_function`; see `ergoqp.initial_state` for what is
         in it. `hold` is a part of it. The guide is not, but what was learned about it is.
         """
-        state = self._layout.state(self._ready).copy()
-        state[self._layout.parts["on_hold"]] = self._held
+        state = self._ready[1].copy()
+        state[self._held_at] = self._held
         return state
 
     def restore(self, state: Any) -> None:
@@ -164,8 +163,9 @@ class Stepper:
             InputError: if `state` is not n finite numbers, or its last twists are beyond the speed
                 limits.
         """
-        n = self._begin.size
-        state = read_array("state", state, (n,), f"{n} finite numbers, as state() returns them")
+        n, (usual, _, notes, frame) = self._begin.size, self._ready
+        allowed = f"{n} finite numbers, as state() returns them"
+        state = read_array("state", state, (n,), allowed).copy()
         at = self._layout.parts
         twists = np.concatenate([state[at["planned"]], state[at["sent"]]]).reshape(-1, 6)
         fastest, speed = np.abs(twists).max(axis=0), self.problem.twist_limit.speed
@@ -174,10 +174,10 @@ class Stepper:
                 f"state: got twists of up to {fastest.round(6).tolist()}, allowed within the speed"
                 f" limits {speed.tolist()}"
             )
-        held = bool(state[at["on_hold"]] > 0.5)
+        held = bool(state[self._held_at] > 0.5)
         # An interrupt between two of these leaves the loop rather on hold.
         self._held = self._held or held
-        self._ready = self._layout.with_state(self._ready, state)
+        self._ready = (usual, state, notes, frame)
         self._held = held
 
     def reset(self, twist: Any = None) -> None:
@@ -193,8 +193,9 @@ class Stepper:
         Raises:
             InputError: if `twist` is not six finite numbers.
         """
+        usual, _, notes, frame = self._ready
         state = self._begin if twist is None else state_at_start(self._model, twist)
-        self._ready = self._layout.with_state(self._ready, state)
+        self._ready = (usual, state, notes, frame)
         self._held = False
 
     def hold(self) -> None:
@@ -211,8 +212,9 @@ class Stepper:
         object may then be anywhere between what was sent and what was reported since a pose was
         measured, and the limits count both.
         """
-        trial = ["trial"] if self._guided else []
-        self._ready = self._layout.forgotten(self._ready, "latched", *trial)
+        usual, state, notes, frame = self._ready
+        names = ("on_hold", "latched", *(["trial"] if self._guided else []))
+        self._ready = (usual, self._layout.forgotten(state, *names), notes, frame)
         self._held = False
 
     @property
@@ -221,7 +223,7 @@ class Stepper:
 
         The larger it is, the more slowly the next step moves.
         """
-        return float(stalled(self._layout.state(self._ready)[self._layout.parts["rest"]]))
+        return float(stalled(self._ready[1][self._layout.parts["rest"]]))
 
     def guide(self, guide: Any) -> None:
         """Replace the guide from now on, or remove it.
@@ -240,6 +242,7 @@ class Stepper:
                 "guide: the stepper was made without one, allowed only where Stepper(guide=...) had"
                 " a place"
             )
+        usual, state, _, frame = self._ready
         place, notes = None, {}
         try:
             place = None if guide is None else read_guide(self.problem, guide)
@@ -249,9 +252,8 @@ class Stepper:
             notes["guide"] = (
                 f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
             )
-        inputs = self._layout.forgotten(self._ready, "trial").inputs
-        self._layout.lead(inputs, place)
-        self._ready = Ready(inputs, notes, self._ready.frame)
+        state = self._layout.forgotten(state, "trial")
+        self._ready = (self._layout.led(usual, place), state, notes, frame)
 
     def step(
         self,
@@ -288,7 +290,7 @@ class Stepper:
                 all are seen. The entry of an unseen joint in `posture` is not used.
         """
         start, ready, into = time.perf_counter(), self._ready, self._inputs
-        notes = self._begin_call(ready)
+        notes, frame = self._begin_call(ready), ready[3]
         if posture is None:
             into["frame"][0] = 0.0
         else:
@@ -309,13 +311,15 @@ class Stepper:
             into["dt"][0] = number(dt)
         into["age"][0] = number(age)
         into["enable"][0] = truth(enable, "enable", notes)
-        self._evaluate(notes)
-        if (took := time.perf_counter() - start) > self._deadline:
-            allowed = f"{1e3 * self._deadline:g} ms (deadline)"
-            notes["deadline"] = f"the step took {1e3 * took:.1f} ms, allowed {allowed}"
-            into["ask"][0] = 1.0
-            self._evaluate(notes, instead=True)
-        return self._answer(ready, notes, start)
+        if self._log is not None:
+            self._record(notes)
+        self._call()
+        if self._deadline is not None:
+            self._check_deadline(notes, start)
+        if posture is not None:
+            mask = self._all if observed is None else into["observed"].copy()
+            frame = (into["posture"].copy(), mask)
+        return self._answer(ready, notes, start, frame)
 
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
         """Return the next braking twist without new data.
@@ -338,11 +342,11 @@ class Stepper:
             period = min(late, 3 * self.dt)
             late -= period
             self._brake(ready, period, enable=0.0)
-            ready = self._layout.with_state(ready, self._state_out)
+            ready = (ready[0], self._state_out.copy(), *ready[2:])
             if not self._out[self._slices["twist"]].any():
                 break
         notes = self._brake(ready, self.dt if dt is None else number(dt))
-        return self._answer(ready, notes, start)
+        return self._answer(ready, notes, start, ready[3])
 
     def stop(self) -> np.ndarray:
         """Return the twists of the certified stop from here (k, 6) [m/s, rad/s].
@@ -353,19 +357,19 @@ class Stepper:
         """
         ready, twists = self._ready, []
         if self._closed_stop is not None:
-            return self._closed_stop(self._layout.state(ready))
+            return self._closed_stop(ready[1])
         while not twists or (
             twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt
         ):
             self._brake(ready, self.dt, enable=0.0, logged=False)
-            ready = self._layout.with_state(ready, self._state_out)
+            ready = (ready[0], self._state_out.copy(), *ready[2:])
             twists.append(self._out[self._slices["twist"]].copy())
         return np.array(twists)
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Posture and mask of the last frame as read (n,) each. NaN: the entry was not a number."""
-        posture, observed = self._ready.frame
+        posture, observed = self._ready[3]
         return posture.copy(), observed.copy()
 
     def sent_instead(self, twist: Any) -> None:
@@ -390,20 +394,22 @@ class Stepper:
             raise InputError(
                 f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}"
             )
-        state = self._layout.state(self._ready).copy()
+        usual, state, notes, frame = self._ready
+        state = state.copy()
         for name in ("planned", "sent"):  # newest first
             state[self._layout.parts[name]][:6] = sent
-        self._ready = self._layout.with_state(self._ready, state)
+        self._ready = (usual, state, notes, frame)
 
     def _begin_call(self, ready: Ready) -> dict[str, str]:
         """Set every input of the function anew; return the notes of the call."""
-        self._given[:] = ready.inputs
-        notes = {**ready.notes}
+        self._given[:], self._state_in[:] = ready[0], ready[1]
+        self._raised.clear()
+        notes = {**ready[2]}
         if self._slow:
             notes["slow"] = self._slow
-        # Not by `ready`: a signal handler may call `hold` during a step.
-        self._given[self._held_at] = self._held
+        # Not a part of `ready`: a signal handler may call `hold` during a step.
         if self._held:
+            self._state_in[self._held_at] = 1.0
             notes["enable"] = "held: the object stays at rest until try_again()"
         return notes
 
@@ -413,42 +419,44 @@ class Stepper:
         """Evaluate the function without new data; return the notes of the call."""
         notes, into = self._begin_call(ready), self._inputs
         into["frame"][0], into["ask"][0], into["dt"][0], into["enable"][0] = 0.0, 1.0, dt, enable
-        self._evaluate(notes, logged)
+        if logged and self._log is not None:
+            self._record(notes)
+        self._call()
         return notes
 
-    def _evaluate(self, notes: dict[str, str], logged: bool = True, instead: bool = False) -> None:
-        """Record the inputs and call the function.
+    def _record(self, notes: dict[str, str], **more: bool) -> None:
+        """Give the inputs to the log; a failing log is noted."""
+        entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes), **more}
+        entry |= {name: values.tolist() for name, values in self._inputs.items()}
+        try:
+            if self._log is not None:
+                self._log(entry)
+        except Exception as error:  # the loop never stops for its log
+            notes["log"] = (
+                f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
+            )
 
-        Args:
-            notes: what was wrong with the inputs; a failing log is added.
-            logged: whether the inputs are recorded.
-            instead: whether the answer is sent instead of the one recorded last.
-        """
-        if logged and self._log is not None:
-            entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes)}
-            entry |= {name: values.tolist() for name, values in self._inputs.items()}
-            try:
-                self._log(entry | ({"instead": True} if instead else {}))
-            except Exception as error:  # the loop never stops for its log
-                notes["log"] = (
-                    f"log: {type(error).__name__} in what was given as log=, this step is not"
-                    " recorded"
-                )
-        self._raised.clear()
+    def _check_deadline(self, notes: dict[str, str], start: float) -> None:
+        """Replace the answer of a step that took too long by braking."""
+        took = time.perf_counter() - start
+        if self._deadline is None or took <= self._deadline:
+            return
+        allowed = f"{1e3 * self._deadline:g} ms (deadline)"
+        notes["deadline"] = f"the step took {1e3 * took:.1f} ms, allowed {allowed}"
+        self._inputs["ask"][0] = 1.0
+        if self._log is not None:
+            self._record(notes, instead=True)
         self._call()
 
-    def _answer(self, ready: Ready, notes: Mapping[str, str], start: float) -> Step:
+    def _answer(self, ready: Ready, notes: Mapping[str, str], start: float, frame: Frame) -> Step:
         """Return the answer of the last evaluation, and continue from it."""
-        account, into, frame = self._out.copy(), self._inputs, ready.frame
+        account, into = self._out.copy(), self._inputs
         if self._raised:
             who = ", ".join(callers(self.problem))
             notes = {**notes, "term": f"{who}: got {self._raised[-1]}, allowed a number"}
-        posture = into["posture"].copy()
-        if into["frame"][0]:
-            frame = (posture, into["observed"].copy())
-        after = self._layout.with_state(Ready(ready.inputs, ready.notes, frame), self._state_out)
-        seen = (posture, into["dt"][0], into["age"][0])
+        seen = (frame[0], into["dt"][0], into["age"][0])
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
+        after = (ready[0], self._state_out.copy(), ready[2], frame)
         step = Step(twist, status, self.problem, account, self._slices, seen, notes, start)
         # Last: an interrupted call counts as not made. CPython does not interrupt between this and
         # the assignment of the answer by the caller.

@@ -183,7 +183,7 @@ def place_of_kind(name: str, kind: str, rng: np.random.Generator) -> np.ndarray:
 def put(stepper: Stepper, pose: np.ndarray) -> None:
     """Lead the step somewhere without asking whether that is allowed: the limits must not depend on
     it."""
-    stepper._layout.lead(stepper._ready.inputs, Guide(pose))
+    stepper._ready = (stepper._layout.led(stepper._ready[0], Guide(pose)), *stepper._ready[1:])
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -229,7 +229,7 @@ def test_numbers_that_are_none_lead_nowhere(data: st.DataObject) -> None:
     stepper = guided_stepper("screwing")
     bad = data.draw(st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
     where = data.draw(st.sampled_from(["guide", "guided"]))
-    given = stepper._ready.inputs[stepper._layout.at[where]]
+    given = stepper._ready[0][stepper._layout.at[where]]
     given[data.draw(st.integers(0, given.size - 1))] = bad
     led = where == "guided" and bad > 0
     set_out(stepper)
@@ -289,7 +289,7 @@ def test_a_place_that_cannot_be_used_is_refused_at_construction_and_none_in_the_
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
     assert step.status == "optimal"
     assert re.search(sentence, step.reason)
-    assert stepper._ready.inputs[stepper._layout.at["guided"]] == 0
+    assert stepper._ready[0][stepper._layout.at["guided"]] == 0
     stepper.guide(held_pose("screwing"))
     assert stepper.step(comfort_of("screwing")).reason == ""
 
@@ -370,7 +370,7 @@ def test_reset_keeps_the_place_and_forgets_the_trial() -> None:
     set_out(stepper)
     stepper.step(q)
     stepper.reset()
-    assert stepper._ready.inputs[stepper._layout.at["guided"]] == 1
+    assert stepper._ready[0][stepper._layout.at["guided"]] == 1
     assert [stepper.step(q) for _ in range(5)][-1].twist.tobytes() == first.twist.tobytes()
 
 

@@ -151,7 +151,7 @@ def test_before_any_line_it_leaves_the_stepper_as_before_or_as_after_the_call(na
             given = [each.tobytes() for each in stepper.frame]
             assert given in ([each.tobytes() for each in known] for known in (frame, next_frame))
             # What follows is as if it had never been interrupted.
-            other._ready = other._ready._replace(inputs=stepper._ready.inputs)
+            other._ready = stepper._ready
             other.restore(left)
             for one, same in zip(goes_on(stepper), goes_on(other), strict=True):
                 np.testing.assert_array_equal(one, same, err_msg=where)
