@@ -65,7 +65,7 @@ def bounds(problem: Problem) -> tuple[float, float]:
     if frames.spread is None or frames.spread_deg is None:
         return _FAR
     # Calibrated with this person, whose other rests are up to twice as far off; and noise.
-    far = max(0.18, 0.08 + 2.2 * frames.spread), max(45.0, 25 + 1.5 * frames.spread_deg)
+    far = max(0.20, 0.10 + 2.5 * frames.spread), max(45.0, 25 + 1.5 * frames.spread_deg)
     return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
 
 
