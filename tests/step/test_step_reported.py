@@ -338,3 +338,14 @@ def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
         "robot"
         not in stepper.step(comfort_of("screwing"), held_pose("screwing"), twist=np.zeros(6)).reason
     )
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e9])
+def test_a_twist_that_is_no_number_leaves_no_trace(wrong: float) -> None:
+    stepper = Stepper(problem_of("screwing"))
+    q, pose = near_comfort("screwing", np.random.default_rng(5), 20), held_pose("screwing")
+    stepper.step(q, pose, np.zeros(6))
+    for given in ({}, {"pose": pose}):
+        assert stepper.step(q, twist=np.full(6, wrong), **given).status == "invalid"
+        assert np.isfinite(stepper.state()).all()
+    assert not stepper.step(q).account("astray").any()

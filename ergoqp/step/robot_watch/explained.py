@@ -175,7 +175,8 @@ def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     fresh, before, after = now["now_seen"] >= now["since"], now["stored"], now["pose"]
     told = ca.logic_and(now["told"], ca.logic_and(now["started"], ca.logic_not(now["measured"])))
     way = now["executed"] * now["lasted"]
-    aside = ca.if_else(fresh, 0, now["aside"]) + told * (way[:3] - now["went"][:3])
+    aside = ca.if_else(fresh, 0, now["aside"])
+    aside += ca.if_else(told, way[:3] - now["went"][:3], 0)
     also = ca.if_else(fresh, ca.SX.eye(3), now["turned_aside"])
     turned_aside = ca.if_else(told, after[:3, :3].T @ turned(way[3:], before[:3, :3]) @ also, also)
     # |R - I| = sqrt(8) sin(angle / 2)

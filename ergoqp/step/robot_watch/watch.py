@@ -188,7 +188,8 @@ def _compared(model: StepModel) -> ca.Function:
         )
     # At the start of the comparison the pose has its full error; the turn since then is known up to
     # noise.
-    at_begin, sent, present = noise, ca.SX.eye(3), now["pose"][:3, :3]
+    at_begin, sent = noise, ca.SX.eye(3)
+    begun = present = now["pose"][:3, :3]
     if "turned" in sizes:
         # In the axes of the turn that was sent. An error that is already present turns with the
         # object: it stays the same in these axes, and would be a fault in those of the world.
