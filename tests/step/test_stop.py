@@ -74,9 +74,9 @@ def test_in_closed_form_it_is_what_brake_returns(
     closed = stop_function(StepModel(problem))
     posture, pose = near_comfort(problem.name, rng, 30), held_pose(problem.name)
     for number in range(60):
-        if number % 20 == 0:
+        if number % 6 == 0:
             stepper.reset(twist=rng.uniform(-1.5, 1.5, 6) * problem.twist_limit.speed)
-            pose[2, 3] += 0.5
+            pose[2, 3] = held_pose(problem.name)[2, 3] + 0.6 * (number % 12 == 0)
         if number % 7 == 3:
             step = stepper.brake(elapsed=rng.uniform(0, 0.1))
         elif number % 7 == 5:
