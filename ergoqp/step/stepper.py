@@ -119,7 +119,7 @@ class Stepper:
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
-        self._ready = self._layout.begin(self._given.size, self._begin, place)
+        self._ready: Ready = self._layout.begin(self._given.size, self._begin, place)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
@@ -243,7 +243,7 @@ class Stepper:
                 " a place"
             )
         usual, state, _, frame = self._ready
-        place, notes = None, {}
+        place, notes = None, dict[str, str]()
         try:
             place = None if guide is None else read_guide(self.problem, guide)
         except InputError as error:
@@ -342,7 +342,7 @@ class Stepper:
             period = min(late, 3 * self.dt)
             late -= period
             self._brake(ready, period, enable=0.0)
-            ready = (ready[0], self._state_out.copy(), *ready[2:])
+            ready = (ready[0], self._state_out.copy(), ready[2], ready[3])
             if not self._out[self._slices["twist"]].any():
                 break
         notes = self._brake(ready, self.dt if dt is None else number(dt))
@@ -362,7 +362,7 @@ class Stepper:
             twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt
         ):
             self._brake(ready, self.dt, enable=0.0, logged=False)
-            ready = (ready[0], self._state_out.copy(), *ready[2:])
+            ready = (ready[0], self._state_out.copy(), ready[2], ready[3])
             twists.append(self._out[self._slices["twist"]].copy())
         return np.array(twists)
 

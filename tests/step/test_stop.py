@@ -74,9 +74,9 @@ def test_in_closed_form_it_is_what_brake_returns(
     closed = stop_function(StepModel(problem))
     posture, pose = near_comfort(problem.name, rng, 30), held_pose(problem.name)
     for number in range(60):
-        if number % 20 == 0:
+        if number % 6 == 0:
             stepper.reset(twist=rng.uniform(-1.5, 1.5, 6) * problem.twist_limit.speed)
-            pose[2, 3] += 0.5
+            pose[2, 3] = held_pose(problem.name)[2, 3] + 0.6 * (number % 12 == 0)
         if number % 7 == 3:
             step = stepper.brake(elapsed=rng.uniform(0, 0.1))
         elif number % 7 == 5:
@@ -91,8 +91,7 @@ def test_in_closed_form_it_is_what_brake_returns(
         moving += found.any()
         assert not found[-1].any()
         assert found[:-1].any(axis=1).all()
-        # A stop may end with a twist of 1e-17, or not.
-        assert abs(len(found) - len(expected)) <= 1
+        # A stop may end with twists of 1e-17, or not.
         both = min(len(found), len(expected))
         np.testing.assert_allclose(found[:both], expected[:both], atol=1e-14, rtol=0)
         for rest in (found[both:], expected[both:]):
