@@ -313,19 +313,18 @@ def _begin() -> None:
 def measure(report: Report) -> None:
     """Run the loops and print the figures."""
     kinds = [kind for kind in KINDS if kind not in ("mass", "stepping")]
-    seeds = range(FIRST, FIRST + report.pick(1, 15))
-    units = [(kind, name, seed) for seed in seeds for kind in kinds for name in TASKS]
-    if not report.full:
-        units = [unit for i, unit in enumerate(units) if i % 3 == 0]
-    stepping = [("stepping", name, seed) for seed in seeds for name in TASKS]
+    pairs = [(kind, name) for kind in kinds for name in TASKS] * report.pick(1, 15)
+    # A seed is a place too, so each unit has one of its own.
+    units = [(*pair, FIRST + i) for i, pair in enumerate(pairs[:: report.pick(3, 1)])]
+    stepping = [("stepping", name, FIRST + i) for i, name in enumerate(TASKS * report.pick(1, 15))]
     stepping = stepping if report.full else stepping[:2]
     with_mass = [("mass", name, FIRST) for name in TASKS] if report.full else []
-    few = [unit for i, unit in enumerate(units) if i % report.pick(3, 7) == 0]
+    few = units[:: report.pick(1, 7)]
     jobs: list[tuple[Callable[..., dict[str, Any]], tuple[Any, ...]]] = [
         (honest, unit) for unit in (*units, *with_mass, *stepping)
     ]
-    jobs += [(wrong, (*unit, i % report.pick(4, 5) == 0)) for i, unit in enumerate(few)]
-    jobs += [(calibrated, unit) for unit in few]
+    jobs += [(wrong, (*unit, i % report.pick(6, 5) == 0)) for i, unit in enumerate(few)]
+    jobs += [(calibrated, unit) for unit in few[:: report.pick(2, 1)]]
     with ProcessPoolExecutor(2, initializer=_begin) as pool:
         futures = [(function, unit, pool.submit(function, *unit)) for function, unit in jobs]
         found = [(function, unit, future.result()) for function, unit, future in futures]
