@@ -8,17 +8,17 @@ with the object, and turns do not commute.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.joints import JOINTS
-from ergoqp.limits import Limit, TwistLimit, WorkspaceBox
+from ergoqp.limits import TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
@@ -98,7 +98,7 @@ class Directly:
 FAR: Final = WorkspaceBox((-50, -50, -50), (50, 50, 50))
 
 
-def driven_problem(robot: DeclaredRobot, walls: tuple[Limit, ...] = (FAR,)) -> Problem:
+def driven_problem(robot: DeclaredRobot, walls: Sequence[Any] = (FAR,)) -> Problem:
     """Return a problem whose object goes where the posture says and never rests."""
     control = Control(comfort=0.0, stall_after=1e6, rest_below=0.0, move_above=0.0)
     return load_problem("screwing").replace(
@@ -169,8 +169,8 @@ def turn_about(
         if number % round(TURN / dt) == 0:
             way = rng.normal(size=6)
             q[:6] = -3 * way / np.abs(way).max()
-        given = {"twist": mover.reported_twist()} if reports else {}
-        step = stepper.step(q, mover.measured_pose(), **given)
+        told = mover.reported_twist() if reports else None
+        step = stepper.step(q, mover.measured_pose(), told)
         if "robot:" in step.reason:
             named.append((time, step.reason))
             if until_named:

@@ -21,7 +21,10 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 
-WALLS: Final = (WorkspaceBox((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), AxisCone((1.0, 0.0, 0.0), 30.0))
+WALLS: Final = (
+    WorkspaceBox((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    AxisCone((1.0, 0.0, 0.0), 30.0),
+)
 
 NEAR: Final = (0.005, 0.5)
 """How far from the ends some objects start [m, deg]."""
@@ -71,8 +74,8 @@ def drive_blind(
         if number % 150 == 0:
             way = rng.normal(size=6)
             q[:6] = -3 * way / np.abs(way).max()
-        given = {} if number else {"pose": pose}
-        twist = stepper.step(q, twist=reported(kind, twist, pose, rng), **given).twist
+        told = reported(kind, twist, pose, rng)
+        twist = stepper.step(q, None if number else pose, told).twist
         if acknowledged and (number + 1) % round(ACKNOWLEDGED / dt) == 0:
             stepper.try_again()
         pose = moved(pose, twist * dt)

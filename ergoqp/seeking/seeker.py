@@ -160,6 +160,10 @@ class Seeker:
         """Allow motion again, and try all places again from here."""
         self.stepper.try_again()
         self._held = False
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Try all places from here; nothing that keeps the object at rest is acknowledged."""
         self._tries.begin(self._now)
         self._watch.begin()
         self._lead(None)
@@ -237,7 +241,7 @@ class Seeker:
             if rest is not None and self._tries.worsened(rest.pose, self.score(rest.posture)):
                 # The earlier rests say little about the person now.
                 self._rests.clear()
-                self.try_again()
+                self._begin_anew()
         elif self._tries.thinking:
             self._think_on()
         elif rest is not None:
