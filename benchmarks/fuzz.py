@@ -57,7 +57,7 @@ import multiprocessing
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -65,10 +65,14 @@ from benchmarks.fuzz_inputs import attack
 from benchmarks.fuzz_judge import Tally
 from benchmarks.fuzz_loop import Loop
 from benchmarks.fuzz_problems import problem_of
+from benchmarks.fuzz_terms import Spoiled, spoiled
 from benchmarks.report import Report, run
 
 CHUNK = 2000
 SEQUENCE = 250
+
+_SPOILED: Final = 0.25
+"""Share of the chunks in which a term of the problem gives no number somewhere."""
 
 
 def run_chunk(task: tuple[int, int]) -> Tally:
@@ -77,9 +81,13 @@ def run_chunk(task: tuple[int, int]) -> Tally:
     A call such as ``run_chunk((7, 2000))`` reproduces a chunk.
     """
     number, steps = task
-    rng, judge = (np.random.default_rng([20_26, number, part]) for part in (0, 1))
-    problem, tally = problem_of(number, rng), Tally()
-    loop = Loop(problem, rng, judge, tally)
+    rng, judge, interrupts, terms = (
+        np.random.default_rng([20_26, number, part]) for part in range(4)
+    )
+    problem, without, tally = problem_of(number, rng), Spoiled(), Tally()
+    if terms.random() < _SPOILED:
+        problem, without = spoiled(problem, terms)
+    loop = Loop(problem, without, (rng, judge, interrupts), tally)
     attacks_left, sane_left = 0, int(rng.integers(5, 40))
     for i in range(steps):
         if i and i % SEQUENCE == 0:
