@@ -131,8 +131,8 @@ class Interruptions:
         )
         if call.kind != "step" or rng.random() < 0.5:
             return others[rng.choice(len(others), p=_OFTEN)]
-        # In words, not by ``**given``: CPython may run a signal handler after a call by
-        # ``**given`` and before its answer is assigned.
+        # Written out: a signal handler may run after a call by ``**given`` and before its answer is
+        # assigned, see ceval.c of CPython, CALL_FUNCTION_EX.
         return "step", lambda: stepper.step(
             call.posture,
             given.get("pose"),
