@@ -286,8 +286,7 @@ class Loop:
             self._certify(step, posture, seen, dt, where)
         self._reasons.judge_term(step, must, may, bool(short or unknown), where)
         self._reasons.judge(call, step, self._robot, posture, seen, short, unmeasured, may, where)
-        if not any(words.startswith("response") for words in may):
-            self._judge_joints(step, posture, seen, dt, where)
+        self._judge_joints(step, posture, seen, dt, where)
         if step.status in _BRAKES and self._dice.random() < _STOPS:
             self._judge_braking(step, state, dt, where)
         self._go(step, dt, step.reason, given.get("enable") is False or unmeasured, where)
@@ -304,6 +303,10 @@ class Loop:
             rate = np.where(np.isfinite(step.posture_rate), step.posture_rate, 0.0)
             self._person = np.clip(self._person + rate * dt, LOWER, UPPER)
 
+    def _known(self, posture: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Return a posture (32,) in which joints that are not seen are those of comfort."""
+        return np.where(seen, posture, self._comfort)
+
     def _without_number(
         self, call: Call, step: Step, posture: np.ndarray | None, seen: np.ndarray, dt: float
     ) -> tuple[str, list[str]]:
@@ -311,7 +314,7 @@ class Loop:
         spoiled = self._spoiled
         if posture is None or call.causes or not spoiled.words:
             return "", []
-        q, gain = np.where(seen, posture, self._comfort), 1 + self._problem.robot.gain_error
+        q, gain = self._known(posture, seen), 1 + self._problem.robot.gain_error
         lands = gain * (np.abs(self._law.under_way(dt)) + np.abs(self._law.owed()).sum(axis=0))
         may = [spoiled.words] if spoiled.may(q, step.pose, lands) else []
         if spoiled.ahead and spoiled.may_ahead(q, self._law.fastest(q, step.locked)):
@@ -427,6 +430,10 @@ class Loop:
     ) -> None:
         """No model joint is led further out of its range, and none too fast without being named."""
         if posture is None or not seen.any():
+            return
+        of_response = self._spoiled.words.startswith("response")
+        if of_response and self._spoiled.may(self._known(posture, seen), step.pose, np.zeros(6)):
+            # Nobody knows how the person follows.
             return
         if not np.isfinite(step.posture_rate).all():
             self._tally.wrong("unsafe", "joint rate", where, "not finite")

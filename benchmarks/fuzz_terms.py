@@ -1,9 +1,9 @@
 """Users' terms of the fuzzer that give no number in a part of their domain, and where that is.
 
-A cost, a response or a limit of the problem's own kind becomes NaN or infinite in a band: of one
-joint's angle, or of one coordinate of the object. The band is either switched on after the problem
-was made, or lies where the trials of the construction (`ergoqp.problem.tried`,
-`ergoqp.limits.own_rates`) do not draw. `Spoiled` says in numpy what a step has to name.
+The cost, the response or a limit of a user becomes NaN or infinite in a band: of one joint's angle,
+or of one coordinate of the object. The band is either switched on after the problem was made, or
+lies where the trials of the construction (`ergoqp.problem.tried`, `ergoqp.limits.own_rates`) do not
+draw: a problem that is refused is drawn again. `Spoiled` says in numpy what a step has to name.
 """
 
 from __future__ import annotations
@@ -25,10 +25,8 @@ Rng = np.random.Generator
 _ROUNDING: Final = 1e-7
 """So near an end of a band both answers are right [rad, m]."""
 
-_DRAWS: Final = 10
-"""So many bands are tried that the construction may refuse; then one is switched on later."""
-
-_ENDS: Final = ("below", "above", "rate", "reserve", "matrix", "margins")
+_PARTS: Final = ("below", "above", "rate", "reserve", "matrix", "margins", "ahead")
+"""Numbers of a limit; ``ahead``: its margins where a displacement leads into the band."""
 
 
 @dataclass
@@ -49,13 +47,13 @@ class Band:
     bad: float = np.nan
     on: bool = False
 
+    def inward(self, of: Any) -> Any:
+        """Return the expression of how deep the entry of `of` is within the band."""
+        return ca.fmin(of[self.at] - self.low, self.high - of[self.at])
+
     def instead(self, value: Any, of: Any) -> Any:
         """Return an expression, or what is bad where the entry of `of` is within the band."""
-        if not self.on:
-            return value
-        return ca.if_else(
-            ca.fmin(of[self.at] - self.low, self.high - of[self.at]) > 0, self.bad, value
-        )
+        return ca.if_else(self.inward(of) > 0, self.bad, value) if self.on else value
 
     def depth(self, values: np.ndarray) -> float:
         """How deep an entry is within the band; negative outside."""
@@ -76,7 +74,7 @@ class _Wrapped:
 
 
 class SpoiledCost(_Wrapped):
-    """A cost whose expression gives no number in a band of one joint."""
+    """A cost of which the value, or the slope alone, is no number in a band of one joint."""
 
     def __call__(self, postures: Any) -> np.ndarray:
         """Return the costs of postures (n, 32)."""
@@ -84,7 +82,11 @@ class SpoiledCost(_Wrapped):
 
     def expression(self, q: Any) -> Any:
         """Return the expression of a posture (32,)."""
-        return self._band.instead(self._usual.expression(q), q)
+        value = self._usual.expression(q)
+        if self._part == "slope":
+            # The root of zero has no slope.
+            return value + ca.sqrt(ca.fmax(0, -self._band.inward(q))) if self._band.on else value
+        return self._band.instead(value, q)
 
 
 class SpoiledResponse(_Wrapped):
@@ -114,7 +116,7 @@ class SpoiledLimit:
         names: name of its row.
         hard: whether it is one of the object, else of the posture.
         band: where.
-        part: one of `_ENDS`.
+        part: one of `_PARTS`.
     """
 
     names: tuple[str]
@@ -159,7 +161,9 @@ class SpoiledLimit:
     def margins(self, situation: Situation, displacement: Any) -> Any:
         """Return the margin (1,) after a displacement (6,)."""
         least = straight_margins(self.rows(situation), displacement)
-        return self._instead(least, situation) if self.part == "margins" else least
+        if self.part == "ahead" and self.hard:
+            return self.band.instead(least, situation.pose[:3, 3] + displacement[:3])
+        return self._instead(least, situation) if self.part in ("margins", "ahead") else least
 
 
 @dataclass(frozen=True)
@@ -170,12 +174,14 @@ class Spoiled:
         words: with which its reason names the term; empty: every term gives numbers.
         band: where it gives none.
         of_object: whether the band is one of the object's place, else of the posture.
-        ahead: words for a term that gives no number where the step looks ahead.
+        stop: how far a stop leads at most, if the band counts there too (6,) [m, rad].
+        ahead: words for a cost that gives no number where the step looks ahead.
     """
 
     words: str = ""
     band: Band = field(default_factory=lambda: Band(0, 0.0, 0.0))
     of_object: bool = False
+    stop: np.ndarray = field(default_factory=lambda: np.zeros(6))
     ahead: str = ""
 
     def must(self, posture: np.ndarray, pose: np.ndarray) -> bool:
@@ -183,14 +189,14 @@ class Spoiled:
         return bool(self.words) and self._depth(posture, pose) > _ROUNDING
 
     def may(self, posture: np.ndarray, pose: np.ndarray, under_way: np.ndarray) -> bool:
-        """Whether a step may name the term: it is no number here, or where the object lands.
+        """Whether a step may name the term: it is no number here, where the object lands or stops.
 
         Args:
             posture: joint angles (32,) [rad].
             pose: of the object (4, 4).
             under_way: by how much the object may move on yet (6,) [m, rad].
         """
-        on = float(under_way[self.band.at]) if self.of_object else 0.0
+        on = float((under_way + self.stop)[self.band.at]) if self.of_object else 0.0
         return bool(self.words) and self._depth(posture, pose) > -_ROUNDING - on
 
     def may_ahead(self, posture: np.ndarray, rate: np.ndarray) -> bool:
@@ -205,21 +211,20 @@ class Spoiled:
 
 def spoiled(problem: Problem, rng: Rng) -> tuple[Problem, Spoiled]:
     """Return a problem of which one term gives no number somewhere, and where that is."""
-    for _ in range(_DRAWS):
-        early = rng.random() < 0.5
-        made, spoils = _drawn(problem, rng, early)
+    while True:
+        made, spoils = _drawn(problem, rng, rng.random() < 0.5)
         if made is not None:
             spoils.band.on = True
             return made, spoils
-    made, spoils = _drawn(problem, rng, False)
-    spoils.band.on = True
-    return (problem, Spoiled()) if made is None else (made, spoils)
+
+
+_KINDS: Final = ("cost", "slope", "S", "E", "object", "posture")
 
 
 def _drawn(problem: Problem, rng: Rng, on: bool) -> tuple[Problem | None, Spoiled]:
     """Return a problem with a spoiled term, None if the construction refuses it."""
     response: Any = problem.response
-    kind = ("cost", "S", "E", "object", "posture")[rng.choice(5, p=[0.3, 0.1, 0.1, 0.3, 0.2])]
+    kind = _KINDS[rng.choice(len(_KINDS), p=[0.2, 0.1, 0.1, 0.1, 0.3, 0.2])]
     band = _of_object(problem, rng) if kind == "object" else _of_posture(response.comfort, rng)
     band.on = on
     try:
@@ -228,21 +233,35 @@ def _drawn(problem: Problem, rng: Rng, on: bool) -> tuple[Problem | None, Spoile
             cost = SpoiledCost(problem.cost, band, kind)
             told = Spoiled("cost: got a value of", band, ahead="cost: got a value on the way ahead")
             made = problem.replace(cost=cost)
+        elif kind == "slope":
+            # The slope along joints that the object does not move is not used.
+            if JOINTS[band.at] not in response.joints:
+                return None, Spoiled()
+            made = problem.replace(cost=SpoiledCost(problem.cost, band, kind))
+            told = Spoiled("cost: got a slope of", band)
         elif kind in ("S", "E"):
             band.bad = float(rng.choice([np.nan, np.inf]))
             made = problem.replace(response=SpoiledResponse(response, band, kind))
             part = "a sensitivity" if kind == "S" else "contact motion that cannot be followed"
             told = Spoiled(f"response: got {part} that is NaN or infinite", band)
         else:
-            hard, part = kind == "object", str(rng.choice(_ENDS))
+            hard, part = kind == "object", str(rng.choice(_PARTS))
             name = "beam" if hard else "strain"
             limit = SpoiledLimit((name,), hard, band, part, unit="m" if hard else "rad")
             made = problem.replace(limits=[*problem.limits, limit])
             words = f"limits: got NaN in rows or margins of {name}, allowed numbers"
-            told = Spoiled(words, band, hard)
+            told = Spoiled(words, band, hard, _stop(problem) * (part == "ahead"))
     except ProblemError:
         return None, Spoiled()
     return made.replace(name=f"{problem.name} {band.bad} of {kind}"), told
+
+
+def _stop(problem: Problem) -> np.ndarray:
+    """Return how far the object can move at most (6,) until it stands, by more than it does."""
+    limit, robot = problem.twist_limit, problem.robot
+    seconds = float(np.max(limit.speed / limit.acceleration)) / 2
+    seconds += 2 * problem.average + 6 * problem.dt + robot.longest_hold
+    return (1 + robot.gain_error) * limit.speed * seconds
 
 
 def _of_posture(comfort: Any, rng: Rng) -> Band:
