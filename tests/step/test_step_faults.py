@@ -92,7 +92,7 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
     said = {kind: fault_sentence(kind, 0.25) for kind in Fault}
     assert said[Fault.none] == ""
     entry = " (if it always does, declare [robot] "
-    assert said[Fault.factor] == f"robot: moves 0.25 times what was sent{entry}gain_error)"
+    assert said[Fault.factor] == f"robot: moves 0.2 times what was sent{entry}gain_error)"
     assert said[Fault.late] == f"robot: late by 250 ms{entry}delay, lag)"
     assert said[Fault.pose_jumps] == "robot: pose jumps by 250 mm"
     assert said[Fault.pose_turns] == "robot: pose jumps by 14.3 deg"
@@ -111,5 +111,5 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
         assert fault_sentence(Fault.factor, amount) == "robot: drifts from what was sent"
     for amount in (0.994, 1.006):
         assert fault_sentence(Fault.factor, amount).startswith(
-            f"robot: moves {amount:.3g} times what was sent (if"
+            f"robot: moves {amount:.2f} times what was sent (if"
         )

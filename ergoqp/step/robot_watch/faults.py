@@ -12,6 +12,13 @@ _SAME: Final = 0.005
 """A factor this close to 1 counts as 1."""
 
 
+_CLOSE: Final = 0.2
+"""A factor this close to 1 is said to a hundredth, others to a tenth."""
+
+_ROUNDED_FROM: Final = 20.0
+"""From here on a lateness is said in tens [ms]."""
+
+
 class Fault(IntEnum):
     """How the robot differs from its declaration.
 
@@ -52,18 +59,24 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
 
 
 def fault_sentence(kind: int, amount: float) -> str:
-    """Return the sentence of a fault."""
+    """Return the sentence of a fault.
+
+    Amounts are rounded, so that the sentence is the same each time the robot does the same.
+    """
+    late = 1e3 * amount
+    late = round(late, -1) if late >= _ROUNDED_FROM else late
+    factor = f"{amount:.2f}" if abs(amount - 1) < _CLOSE else f"{amount:.1f}"
     if kind == Fault.factor and abs(amount - 1) < _SAME:
         return "robot: drifts from what was sent"
     if kind == Fault.factor and amount < 0:
-        return f"robot: moves backward, {-amount:.3g} times what was sent"
+        return f"robot: moves backward, {-amount:.1f} times what was sent"
     noise = _rounded_up(np.degrees(amount) if kind == Fault.orientation_scatters else amount)
     return {
         Fault.stands_still: "robot: stands still",
-        Fault.factor: f"robot: moves {amount:.3g} times what was sent{_entry('gain_error')}",
+        Fault.factor: f"robot: moves {factor} times what was sent{_entry('gain_error')}",
         Fault.another_axis: "robot: moves along another axis",
         Fault.unasked: "robot: moves although nothing was sent",
-        Fault.late: f"robot: late by {1e3 * amount:.0f} ms{_entry('delay, lag')}",
+        Fault.late: f"robot: late by {late:.0f} ms{_entry('delay, lag')}",
         Fault.pose_jumps: f"robot: pose jumps by {1e3 * amount:.3g} mm",
         Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",
         Fault.speed_jumps: "robot: speed jumps",
