@@ -7,10 +7,12 @@ attacks (`fuzz_inputs`): on the five problems, and on random ones with other peo
 an inside, cones that exclude the start, narrow ranges, other periods and averages
 (`fuzz_problems`); every other problem declares a robot. 20 000 steps, 1 000 000 with ``--full``;
 two processes. In seven of ten sequences the robot keeps its declaration and nothing that is said of
-it is a lie. Figures:
+it is a lie. Before 15 % of the calls the same call or another one is interrupted at a random point
+(`fuzz_interruptions`). In a quarter of the chunks the cost, the response or a limit gives NaN or
+infinity in a part of its domain (`fuzz_terms`). Figures:
 
 ``exceptions``
-    calls that raised anything but what is documented.
+    calls that raised anything but what is documented, also in and after an interrupted call.
 ``unsafe`` times that a limit was broken, by a judge in numpy that shares no code with the step.
     Speed, axes, acceleration and jerk (2 a / W, from the middle of one period to that of the next)
     are judged against what was sent before, always and to 1e-9, whatever the robot is said to have
@@ -26,7 +28,12 @@ it is a lie. Figures:
     disabled, nothing moves before it has come to rest; a pose that is not given is the declared
     motion, or what a faulty robot reports; ``brake(elapsed=)`` leads to where calls one by one
     lead. The model's joints: none is predicted further outside its range, and none moves faster
-    than its limit unless the step says that this row gave way.
+    than its limit unless the step says that this row gave way. Where a term gives no number, the
+    step brakes; twist, pose and state are always finite. An interrupted call of `step`, `brake`,
+    `stop`, `reset` or `try_again` counts as not made: state and frame are those before it, to the
+    last bit, and `Stepper.brake` gives the same answer and reason as before it. Only before its
+    last line, where a tracer may raise and a signal handler never does, it may count as made.
+``lost_jerk`` those of ``unsafe`` that are jerks beyond their bound which no reason names.
 ``named_short`` jerks beyond their bound where periods much shorter than the loop's had used up the
     history, and the step said so.
 ``certified_share`` of the steps whose inputs were all usable (nothing wrong, a fresh frame,
@@ -45,10 +52,13 @@ it is a lie. Figures:
 ``reasons_wrong`` steps whose status or sentence does not fit: a wrong input that is not ``invalid``
     or not named, a usable one refused, a joint or limit outside that is not named, or one named
     that is inside, ``recovering`` for what does not come back; a robot that is blamed and does what
-    is declared, or is not blamed and does not, reckoned from the calls alone (`fuzz_robot`).
+    is declared, or is not blamed and does not, reckoned from the calls alone (`fuzz_robot`); a term
+    that is not named where it gives no number and nothing else makes the step brake, or is named
+    where it gives one.
 
-The kinds of what is wrong are counted beside them. ``run_chunk((number, steps))`` makes the same
-calls again.
+The kinds of what is wrong are counted beside them, and how many calls were interrupted and met a
+term without a number. ``run_chunk((number, steps))`` makes the same
+calls again; only when a signal handler interrupts is up to the clock.
 """
 
 from __future__ import annotations
@@ -57,7 +67,7 @@ import multiprocessing
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -65,10 +75,14 @@ from benchmarks.fuzz_inputs import attack
 from benchmarks.fuzz_judge import Tally
 from benchmarks.fuzz_loop import Loop
 from benchmarks.fuzz_problems import problem_of
+from benchmarks.fuzz_terms import Spoiled, spoiled
 from benchmarks.report import Report, run
 
 CHUNK = 2000
 SEQUENCE = 250
+
+_SPOILED: Final = 0.25
+"""Share of the chunks in which a term of the problem gives no number somewhere."""
 
 
 def run_chunk(task: tuple[int, int]) -> Tally:
@@ -77,9 +91,13 @@ def run_chunk(task: tuple[int, int]) -> Tally:
     A call such as ``run_chunk((7, 2000))`` reproduces a chunk.
     """
     number, steps = task
-    rng, judge = (np.random.default_rng([20_26, number, part]) for part in (0, 1))
-    problem, tally = problem_of(number, rng), Tally()
-    loop = Loop(problem, rng, judge, tally)
+    rng, judge, interrupts, terms = (
+        np.random.default_rng([20_26, number, part]) for part in range(4)
+    )
+    problem, without, tally = problem_of(number, rng), Spoiled(), Tally()
+    if terms.random() < _SPOILED:
+        problem, without = spoiled(problem, terms)
+    loop = Loop(problem, without, (rng, judge, interrupts), tally)
     attacks_left, sane_left = 0, int(rng.integers(5, 40))
     for i in range(steps):
         if i and i % SEQUENCE == 0:
@@ -144,9 +162,18 @@ def measure(report: Report) -> None:
         f"  {found.stops} stops braked down to rest, {found.judged} steps judged for"
         " certified_share"
     )
+    report.say(
+        f"  {found.interrupted} calls interrupted, {found.spoiled} steps at which a term gave no"
+        " number"
+    )
     report.figure("steps", found.steps)
     report.figure("exceptions", found.counts["exceptions"], "calls that raised")
     report.figure("unsafe", found.counts["unsafe"], "limits broken, by the independent judge")
+    report.figure(
+        "lost_jerk",
+        found.counts["unsafe: jerk"] + found.counts["unsafe: stop: jerk"],
+        "jerks beyond the limit that no reason names, in unsafe too",
+    )
     report.figure(
         "named_short",
         found.counts["named short"],

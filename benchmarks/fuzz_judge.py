@@ -39,6 +39,8 @@ class Tally:
         judged: steps that count for ``certified_share``.
         answered: those of them that were not answered by braking.
         stops: stops that were braked down to rest.
+        interrupted: calls that were interrupted.
+        spoiled: steps where a term of the problem gave no number.
         counts: how often each thing was wrong, by figure and by kind.
         statuses: how often each status was answered.
         examples: the first two of each kind.
@@ -48,6 +50,8 @@ class Tally:
     judged: int = 0
     answered: int = 0
     stops: int = 0
+    interrupted: int = 0
+    spoiled: int = 0
     counts: Counter = field(default_factory=Counter)
     statuses: Counter = field(default_factory=Counter)
     examples: list[str] = field(default_factory=list)
@@ -61,7 +65,7 @@ class Tally:
 
     def add(self, other: Tally) -> None:
         """Take over what another chunk found."""
-        for name in ("steps", "judged", "answered", "stops", "counts", "statuses", "examples"):
+        for name in vars(self):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
@@ -266,6 +270,11 @@ class Law:
         )
         way = twists * ((dt / 2 if W else dt) + seconds / 2)
         return way + np.clip(1.5 * h * twists, -rise, rise)
+
+    def fastest(self, posture: np.ndarray, locked: tuple[str, ...]) -> np.ndarray:
+        """Return the largest rate of each joint (32,) at full speed of the object [rad/s]."""
+        S = np.array(self._sensitivity(posture, np.isin(JOINTS, locked).astype(float))[0])
+        return np.abs(S) @ self.problem.twist_limit.speed
 
     def another_way(
         self,

@@ -10,11 +10,13 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.fuzz_inputs import Call
+from benchmarks.fuzz_interruptions import Interruptions
 from benchmarks.fuzz_judge import Law, Sent, Tally
 from benchmarks.fuzz_object import ObjectJudge
 from benchmarks.fuzz_problems import moving, somewhere
 from benchmarks.fuzz_reasons import LATCHED, SHORT, ReasonJudge
 from benchmarks.fuzz_robot import RobotReckoning
+from benchmarks.fuzz_terms import Spoiled
 from benchmarks.fuzz_world import TrueObject, moved
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
@@ -39,21 +41,29 @@ class Loop:
     """
 
     def __init__(
-        self, problem: Problem, rng: np.random.Generator, dice: np.random.Generator, tally: Tally
+        self,
+        problem: Problem,
+        spoiled: Spoiled,
+        dice: tuple[np.random.Generator, np.random.Generator, np.random.Generator],
+        tally: Tally,
     ) -> None:
         """Build the stepper once.
 
         Args:
             problem: the task.
-            rng: of the calls.
-            dice: of the judge, so that calls are the same however they are judged.
+            spoiled: where a term of it gives no number.
+            dice: of the calls, of the judge, and of the interruptions, so that calls are the same
+                however they are judged and interrupted.
             tally: takes what is found.
         """
-        self._problem, self._rng, self._dice, self._tally = problem, rng, dice, tally
+        rng, judge, interrupts = dice
+        self._problem, self._rng, self._dice, self._tally = problem, rng, judge, tally
         self._law, self._stepper = Law(problem), Stepper(problem)
         self._joints = self._law.joints
-        self._object = ObjectJudge(problem, self._stepper, self._law, tally, dice)
+        self._object = ObjectJudge(problem, self._stepper, self._law, tally, judge)
+        self._spoiled = spoiled
         self._reasons = ReasonJudge(problem, self._law.rows, self._joints, tally)
+        self._interruptions = Interruptions(self._stepper, interrupts, tally)
         self._contact = problem.response.contact()
         self._comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
         self.restart()
@@ -137,6 +147,7 @@ class Loop:
         if LATCHED in self._reason and self._rng.random() < _ACKNOWLEDGED:
             self._stepper.try_again()
             self._robot.acknowledge()
+        self._interruptions.before(call, where)
         state = self._stepper.state()
         try:
             if call.kind == "reset":
@@ -253,6 +264,7 @@ class Loop:
             step.twist.shape != (6,)
             or not np.isfinite(step.twist).all()
             or not np.isfinite(step.pose).all()
+            or not np.isfinite(self._stepper.state()).all()
         ):
             self._tally.wrong("unsafe", "not finite", where, f"{step.twist}")
             self.restart()
@@ -269,9 +281,11 @@ class Loop:
             self._before, step.pose, measured, told, lied, dt, given.get("enable") is not False
         )
         unknown = unmeasured or self._robot.may or self._robot.doubted
-        if not (call.causes or posture is None or short or unknown):
+        must, may = self._without_number(call, step, posture, seen, dt)
+        if not (call.causes or posture is None or short or unknown or may):
             self._certify(step, posture, seen, dt, where)
-        self._reasons.judge(call, step, self._robot, posture, seen, short, unmeasured, where)
+        self._reasons.judge_term(step, must, may, bool(short or unknown), where)
+        self._reasons.judge(call, step, self._robot, posture, seen, short, unmeasured, may, where)
         self._judge_joints(step, posture, seen, dt, where)
         if step.status in _BRAKES and self._dice.random() < _STOPS:
             self._judge_braking(step, state, dt, where)
@@ -286,7 +300,26 @@ class Loop:
                 step.twist, self._sent, even, _STOPS, where, f"{step.status} {step.twist}"
             )
         if call.kind == "step":
-            self._person = np.clip(self._person + step.posture_rate * dt, LOWER, UPPER)
+            rate = np.where(np.isfinite(step.posture_rate), step.posture_rate, 0.0)
+            self._person = np.clip(self._person + rate * dt, LOWER, UPPER)
+
+    def _known(self, posture: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Return a posture (32,) in which joints that are not seen are those of comfort."""
+        return np.where(seen, posture, self._comfort)
+
+    def _without_number(
+        self, call: Call, step: Step, posture: np.ndarray | None, seen: np.ndarray, dt: float
+    ) -> tuple[str, list[str]]:
+        """Return with which words this step has to name a term, and with which it may."""
+        spoiled = self._spoiled
+        if posture is None or call.causes or not spoiled.words:
+            return "", []
+        q, gain = self._known(posture, seen), 1 + self._problem.robot.gain_error
+        lands = gain * (np.abs(self._law.under_way(dt)) + np.abs(self._law.owed()).sum(axis=0))
+        may = [spoiled.words] if spoiled.may(q, step.pose, lands) else []
+        if spoiled.ahead and spoiled.may_ahead(q, self._law.fastest(q, step.locked)):
+            may.append(spoiled.ahead)
+        return spoiled.words if spoiled.must(q, step.pose) else "", may
 
     def _go(self, step: Step, dt: float, reason: str, stopped: bool, where: str) -> None:
         """Let the object do what was sent, and judge that."""
@@ -397,6 +430,13 @@ class Loop:
     ) -> None:
         """No model joint is led further out of its range, and none too fast without being named."""
         if posture is None or not seen.any():
+            return
+        of_response = self._spoiled.words.startswith("response")
+        if of_response and self._spoiled.may(self._known(posture, seen), step.pose, np.zeros(6)):
+            # Nobody knows how the person follows.
+            return
+        if not np.isfinite(step.posture_rate).all():
+            self._tally.wrong("unsafe", "joint rate", where, "not finite")
             return
         ahead, now = (
             self._joints.outside(q)[seen] for q in (posture + step.posture_rate * dt, posture)

@@ -20,6 +20,7 @@ _STOPS: Final = ("braking", "invalid")
 LATCHED: Final = "until a pose is measured"
 _OF_ROBOT: Final = ("robot:", "comes to rest before it moves again", LATCHED)
 _OF_STEP: Final = ("no twist but braking keeps every limit", "the QP was not solved")
+_OF_TERMS: Final = ("cost: ", "response: ", "limits: ")
 SHORT: Final = "much shorter than the loop"
 _NO_WAY: Final = "no straight way leads from there"
 _UNMEASURED: Final = "no pose, and the robot is declared"
@@ -44,6 +45,7 @@ class ReasonJudge:
         seen: np.ndarray,
         short: bool,
         unmeasured: bool,
+        terms: list[str],
         where: str,
     ) -> None:
         """Judge one answer.
@@ -56,6 +58,7 @@ class ReasonJudge:
             seen: joints that were (32,).
             short: whether the last periods may be called too short.
             unmeasured: whether a pose was needed and not given.
+            terms: words with which a term may be named that gives no number.
             where: for the report.
         """
         reason = step.reason
@@ -81,7 +84,7 @@ class ReasonJudge:
             return
         if not robot.may and any(words in reason for words in _OF_ROBOT):
             wrong("the robot is blamed")
-        known = [*call.causes, *(_OF_ROBOT if robot.may else ()), *_OF_STEP]
+        known = [*call.causes, *(_OF_ROBOT if robot.may else ()), *_OF_STEP, *terms]
         known += [SHORT] * short + [_UNMEASURED] * unmeasured
         depths = self._regions.depths(step.pose[:3, 3])
         if depths.size and max(depths.max(), *self._rows.outside(step.pose), 0) > 1e-6:
@@ -95,6 +98,27 @@ class ReasonJudge:
                 wrong("usable input refused", part)
         if not reason:
             wrong("no reason")
+
+    def judge_term(self, step: Step, must: str, may: list[str], other: bool, where: str) -> None:
+        """Judge what one answer says of a term that gives no number.
+
+        Args:
+            step: the answer.
+            must: words with which it has to be named; empty: it need not be.
+            may: words with which it may be.
+            other: whether the step may brake for another cause, so that it need not look further.
+            where: for the report.
+        """
+        reason, stops = step.reason, step.status in _STOPS
+        if must:
+            self._tally.spoiled += 1
+            if not stops:
+                self._tally.wrong("unsafe", "moves by no number", where, f"{must}, {step.status}")
+            elif must not in reason and not other and _NO_WAY not in reason:
+                self._tally.wrong("reasons_wrong", "term not named", where, f"{must}, {reason!r}")
+        said = any(words in reason for words in _OF_TERMS)
+        if said and not (stops and any(words in reason for words in may)):
+            self._tally.wrong("reasons_wrong", "term named", where, f"{step.status}: {reason!r}")
 
     def _judge_rows(self, step: Step, posture: np.ndarray | None, seen: np.ndarray, wrong) -> None:
         """A step that does not stop names what is outside."""

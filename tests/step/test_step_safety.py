@@ -522,12 +522,17 @@ def test_a_short_fuzz_finds_nothing_wrong() -> None:
     )
     counts: Counter = Counter()
     examples: list[str] = []
-    # Each problem of the package and as many random ones, half of them with a declared robot.
-    for number in (0, 3, 4, 7, 8, 11, 12, 15, 16, 19):
+    interrupted, spoiled = 0, 0
+    # Each problem of the package and as many random ones, half of them with a declared robot. In
+    # six of them a term gives no number somewhere: cost, response, limits of object and posture.
+    for number in (0, 3, 4, 7, 8, 11, 12, 15, 16, 19, 37):
         with np.errstate(all="ignore"):
             tally = fuzz.run_chunk((number, 250))
         assert tally.steps == 250
         counts += tally.counts
         examples += tally.examples
+        interrupted, spoiled = interrupted + tally.interrupted, spoiled + tally.spoiled
+    assert interrupted > 100
+    assert spoiled > 300
     found = {figure: counts[figure] for figure in ("unsafe", "exceptions", "reasons_wrong")}
     assert found == {"unsafe": 0, "exceptions": 0, "reasons_wrong": 0}, examples
