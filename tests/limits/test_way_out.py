@@ -17,6 +17,7 @@ from step_samples import problem_of
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.check_ways import Ways
@@ -76,6 +77,7 @@ def scene(
     control = replace(base.control, comfort=0.0, stall_after=1e6, rest_below=0.0, move_above=0.0)
     limits = [twist, *([] if box is None else [replace(box, recovery_time=0.5)]), *kept]
     given = {"cost": Pull(), "response": Direct(), "control": control, "dt": DT} | terms
+    given["frames"] = Frames(compare=False)
     return base.replace(limits=limits, **given)
 
 

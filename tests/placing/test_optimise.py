@@ -144,7 +144,8 @@ class TestMistakes:
             optimise(problem, **wrong)
 
     def test_nothing_in_reach(self, problem, best):
-        far = with_limit(problem, WorkspaceBox((5, 5, 5), (6, 6, 6)))
+        # Not so far that nobody could reach it: that is refused when the problem is made.
+        far = with_limit(problem, WorkspaceBox((1.6, -0.2, 0.2), (1.7, 0.2, 0.3)))
         with pytest.raises(InputError, match=r"none of 2 starts ended .* \(2 out of reach\)"):
             optimise(far, best.posture_before, starts=2)
 

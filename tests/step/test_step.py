@@ -248,7 +248,7 @@ UNUSABLE: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize("ahead", [1e-9, 2.4e-7, 1e-3])
 def test_a_stamp_that_is_ahead_by_the_rounding_of_a_clock_is_no_fault(ahead: float) -> None:
     """A loop that takes its stamp and the time from two clocks was stopped by 1 ns."""
-    posture = near_comfort("screwing", np.random.default_rng(2))
+    posture = comfort_of("screwing")
     one = stepper_of("screwing").step(posture, age=0.0)
     other = stepper_of("screwing").step(posture, age=-ahead)
     assert (other.status, other.reason) == (one.status, one.reason)

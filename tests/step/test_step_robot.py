@@ -366,7 +366,7 @@ def test_what_the_noise_of_its_pose_may_have_moved_out_is_not_asked_back() -> No
         problem.row_names.index("workspace x"),
         comfort_of("screwing"),
     )
-    readings = StepModel(problem).readings(q)
+    readings = StepModel(problem).readings(q, held_pose("screwing"))
     for out, asks in ((0.9 * noise, False), (1.1 * noise + box.tolerance, True)):
         pose = held_pose("screwing").copy()
         pose[0, 3] = box.upper[0] + out

@@ -31,7 +31,7 @@ from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
-from ergoqp.step.state import initial_state
+from ergoqp.step.state import state_at_start
 from ergoqp.step.stepper import Step, Stepper
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
@@ -181,7 +181,7 @@ def test_the_data_of_the_qp_are_finite_whatever_comes_in(name: str, data: st.Dat
         "enable": np.ones(1),
     }
     usual |= {
-        "state": initial_state(StepModel(problem_of(name))),
+        "state": state_at_start(StepModel(problem_of(name))),
         "has_twist": np.full(1, float(data.draw(st.booleans()))),
     }
     for attacked in data.draw(st.lists(st.sampled_from(FROM_OUTSIDE), max_size=4)):

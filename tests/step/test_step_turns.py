@@ -47,7 +47,9 @@ class Believed:
         )
         at, sent, still = ca.MX.sym("pose", 4, 4), ca.MX.sym("sent", 6), ca.MX.sym("still")
         found = under_way(model, history, dt)
-        landed, way = landing(model, found, {"pose": at, "astray": ca.MX(ca.DM.zeros(7))}).values()
+        landed, way = landing(
+            model, found, {"pose": at, "astray": ca.MX(ca.DM.zeros(7)), "readings": ca.MX(0, 1)}
+        ).values()
         place = ca.SX.sym("landed", 4, 4), ca.SX.sym("way", *way.shape), ca.SX.sym("ways", 6, 3)
         parts, cone = model.under_way.split(place[1]), problem.limit_of(AxisCone)
         nobody = {

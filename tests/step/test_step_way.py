@@ -176,7 +176,7 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
         [*symbols, past],
         list(
             landing(
-                StepModel(problem), found, {"pose": symbols[0], "astray": NOWHERE_ELSE}
+                StepModel(problem), found, {"pose": symbols[0], **undisturbed(StepModel(problem))}
             ).values()
         ),
     )
@@ -216,8 +216,9 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
 
 
-NOWHERE_ELSE = ca.MX(ca.DM.zeros(7))
-"""An object that is where it is measured."""
+def undisturbed(model: StepModel) -> dict[str, ca.MX]:
+    """What `landing` takes of an object that is where it is measured, in no region."""
+    return {name: ca.MX(ca.DM.zeros(*model.size(name))) for name in ("astray", "readings")}
 
 
 def initial(problem: Problem) -> np.ndarray:
@@ -229,7 +230,8 @@ def initial(problem: Problem) -> np.ndarray:
 def lands(problem: Problem, history: np.ndarray, unsure: np.ndarray | None = None) -> Way:
     """What is under way, for limits, of an object at a pose of no consequence."""
     past, dt = ca.MX.sym("history", history.size), ca.MX.sym("dt")
-    known, model = {"pose": ca.MX(ca.DM.eye(4)), "astray": NOWHERE_ELSE}, StepModel(problem)
+    model = StepModel(problem)
+    known = {"pose": ca.MX(ca.DM.eye(4)), **undisturbed(model)}
     if unsure is not None:
         known["doubt"] = ca.MX(ca.DM(unsure))
     counted = landing(model, under_way(model, past, dt), known)["way"]

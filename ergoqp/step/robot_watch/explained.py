@@ -30,6 +30,9 @@ from ergoqp.step.robot_watch.memory import (
 _MEMORY: Final = 0.3
 """Time of motion from which a fault is named [s]."""
 
+_AT_REST: Final = 1.5
+"""After this time with a fault the object stands still [s]."""
+
 _FORGETS: Final = 0.5
 """Time over which a reported twist is summed while the object stands still [s].
 
@@ -218,11 +221,13 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
     # A sudden fault keeps its name, because a second jump is usually the return of the first. Any
-    # other is estimated twice, when it begins and from its first motion; so its sentence stays.
+    # other is estimated when it begins, from its first motion, and at rest if it goes on there. So
+    # its sentence stays.
     sudden = now["fault"][0] >= int(Fault.pose_jumps)
     since = ca.if_else(is_set(now["fault"][0]), now["named_for"], 0)
     named_for = since + now["lasted"]
-    again = ca.logic_or(since <= 0, ca.logic_and(since < _MEMORY, named_for >= _MEMORY))
+    passes = (ca.logic_and(since < time, named_for >= time) for time in (_MEMORY, _AT_REST))
+    again = ca.logic_or(since <= 0, ca.logic_or(*passes))
     fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), fault_of(fit, Y, y))
     fault = ca.if_else(jumps, ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn), fault)
     fault = ca.if_else(ca.logic_or(sudden, ca.logic_not(again)), now["fault"], fault)
