@@ -15,6 +15,7 @@ from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identifier
 from ergoqp.identification.resting import Resting
 from ergoqp.joints import JOINTS
+from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.seeking import Place, Seeker, Seeking
 from ergoqp.seeking.tries import THEIRS

@@ -30,8 +30,8 @@ from ergoqp.step.robot_watch.memory import (
 _MEMORY: Final = 0.3
 """Time of motion from which a fault is named [s]."""
 
-_AT_REST: Final = 1.5
-"""After this time with a fault the object stands still [s]."""
+_AT_REST: Final = 5.0
+"""After this time with a fault the motion before it is forgotten [s]."""
 
 _FORGETS: Final = 0.5
 """Time over which a reported twist is summed while the object stands still [s].
