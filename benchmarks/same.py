@@ -87,8 +87,11 @@ def _problem(name: str, kind: str) -> Any:
 
 def record(name: str, kind: str, number: int, folder: Path) -> None:
     """Keep the inputs of random walks, each a row of all numbers."""
+    from ergoqp.step import state as states
     from ergoqp.step.model import StepModel, stand_in
-    from ergoqp.step.state import initial_state
+
+    # Earlier commits have it under another name.
+    at_start: Any = vars(states).get("state_at_start") or vars(states)["initial_state"]
 
     function = step_function(name, kind, folder)
     problem = _problem(name, kind)
@@ -104,7 +107,7 @@ def record(name: str, kind: str, number: int, folder: Path) -> None:
                 rng.choice([0.05, 0.15, 0.3]) * rng.normal(size=n) if n == 32 else 0.0
             )
             pose, twist = np.array(contact(posture)[0]), np.zeros(6)
-            state = np.array(initial_state(model)).ravel()
+            state = np.array(at_start(model)).ravel()
         posture = posture + (0.002 * rng.normal(size=n) if n == 32 else 0.0)
         seen = posture + (np.radians(0.3) * rng.normal(size=n) if n == 32 else 0.0)
         odd = rng.random()
