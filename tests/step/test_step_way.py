@@ -9,12 +9,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from step_samples import problem_of
+from step_samples import comfort_of, held_pose, problem_of
 
+from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.model import StepModel
 from ergoqp.step.packing import count, split
+from ergoqp.step.program.data import away_function
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.under_way.history import FAR, initial_history
 from ergoqp.step.under_way.landing import landing
@@ -326,3 +328,36 @@ def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on
         np.testing.assert_allclose(
             unsure, 0.03 * np.array([np.maximum(twist, 0), np.maximum(-twist, 0)]), atol=1e-12
         )
+
+
+def test_where_an_object_may_be_beside_its_computed_pose_is_kept_free() -> None:
+    """Nearer to the upper ends by what it may be ahead, to the lower ones by what it may be behind;
+    an angle counts for the cone in full."""
+    problem, astray = problem_of("screwing"), [0.01, 0.02, 0.03, 0.004, 0.005, 0.006, 0.1]
+    model, lost, pose = StepModel(problem), {}, np.eye(4)
+    pose[:2, :2] = [[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]]
+    for name, off in (("none", np.zeros(7)), ("some", np.array(astray))):
+        known = {"pose": ca.MX(ca.DM(pose)), **undisturbed(model), "astray": ca.MX(ca.DM(off))}
+        past, dt = ca.MX.sym("history", initial(problem).size), ca.MX.sym("dt")
+        counted = landing(model, under_way(model, past, dt), known)["way"]
+        found = ca.Function("lands", [past, dt], [counted])(initial(problem), 0.01)
+        lost[name] = model.under_way.split(np.array(found).ravel()).lost
+    for first, below, above in (
+        ("workspace x", astray[3:6], astray[:3]),
+        ("tool axis", astray[6], astray[6]),
+    ):
+        ends = [lost["some"][first][end] - lost["none"][first][end] for end in (0, 1)]
+        np.testing.assert_allclose(ends[0], below, atol=1e-12)
+        np.testing.assert_allclose(ends[1], above, atol=1e-12)
+
+
+def test_what_may_be_inside_is_not_asked_back() -> None:
+    problem, q = problem_of("screwing"), comfort_of("screwing")
+    box, model = problem.limit_of(WorkspaceBox), StepModel(problem)
+    row, pose = problem.row_names.index("workspace x"), held_pose("screwing").copy()
+    pose[0, 3] = box.upper[0] + 0.02
+    for astray, asks in ((0.03, False), (0.01, True)):
+        off = np.r_[astray, np.zeros(6)]
+        readings = model.readings(q, pose)
+        away = away_function(model)(q, np.ones(32), readings, pose, 1, off)
+        assert (np.array(away).ravel()[row] > 0) == asks
