@@ -19,7 +19,7 @@ from ergoqp.step.packing import count, split
 from ergoqp.step.program.data import away_function
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.under_way.history import FAR, initial_history
-from ergoqp.step.under_way.landing import landing
+from ergoqp.step.under_way.landing import landing, off_rows
 from ergoqp.step.under_way.motion import next_history, under_way
 from ergoqp.step.under_way.parts import Way
 
@@ -361,3 +361,12 @@ def test_what_may_be_inside_is_not_asked_back() -> None:
         readings = model.readings(q, pose)
         away = away_function(model)(q, np.ones(32), readings, pose, 1, off)
         assert (np.array(away).ravel()[row] > 0) == asks
+
+
+def test_of_a_row_that_touches_a_region_the_whole_way_beside_counts() -> None:
+    """Its direction follows from the computed position, and is another at the true one."""
+    row, off = ca.SX(1, 6), ca.SX([0.03, 0.0, 0.0, 0.0, 0.04, 0.0, 0.2])
+    row[0, 2] = 1.0
+    for tangent, expected in ((True, 0.05), (False, 0.0)):
+        ends = [float(end) for end in off_rows(row, off, [tangent])]
+        assert ends == pytest.approx([expected, expected])
