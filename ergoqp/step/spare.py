@@ -35,11 +35,12 @@ def guarded(
         call: evaluates the step.
         evaluator: the step, with its inputs and results.
         spare: the step in which costs and readings are NaN, so that it brakes.
-        raised: gets the error in words.
+        raised: holds the error of the last call in words; empty if there was none.
     """
     instead = Evaluator(spare)
 
     def called() -> None:
+        raised.clear()
         try:
             call()
         except Exception as error:  # any error in the code of a user's term
@@ -49,6 +50,6 @@ def guarded(
             evaluator.results[:] = instead.results
             # CasADi puts the place in front of the words of the error.
             words = (str(error).strip().splitlines() or [""])[-1].split(": ", 1)[-1]
-            raised[:] = [f"an error ({words[:120]})"]
+            raised.append(f"an error ({words[:120]})")
 
     return called

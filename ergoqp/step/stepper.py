@@ -309,8 +309,10 @@ class Stepper:
             put(into["executed"], twist, (6,), "twist", notes)
         if dt is not None:
             into["dt"][0] = number(dt)
-        into["age"][0] = number(age)
-        into["enable"][0] = truth(enable, "enable", notes)
+        # The usual cases first: a call costs more than a comparison.
+        into["age"][0] = age if type(age) is float else number(age)
+        if enable is not True:
+            into["enable"][0] = truth(enable, "enable", notes)
         if self._log is not None:
             self._record(notes)
         self._call()
@@ -403,7 +405,6 @@ class Stepper:
     def _begin_call(self, ready: Ready) -> dict[str, str]:
         """Set every input of the function anew; return the notes of the call."""
         self._given[:], self._state_in[:] = ready[0], ready[1]
-        self._raised.clear()
         notes = {**ready[2]}
         if self._slow:
             notes["slow"] = self._slow

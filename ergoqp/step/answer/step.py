@@ -47,18 +47,18 @@ class Step:
     ) -> None:
         """Keep the outputs of the step function; the members are read from them on demand."""
         self.twist, self.status = twist, status
-        self._problem, self._account, self._seen, self._notes = (
-            problem,
-            Account(status, account, parts),
-            seen,
-            notes,
-        )
+        self._problem, self._outputs = problem, (status, account, parts)
+        self._seen, self._notes = seen, notes
         self.solve_time = time.perf_counter() - start
 
     def __repr__(self) -> str:
         """Show twist, status and reason."""
         twist = np.array2string(self.twist, precision=4, suppress_small=True)
         return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
+
+    @cached_property
+    def _account(self) -> Account:
+        return Account(*self._outputs)
 
     def account(self, name: str) -> np.ndarray:
         """Return an output (k,) of the step function, by its name.
