@@ -4,6 +4,7 @@ periods."""
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -330,12 +331,13 @@ def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on
         )
 
 
-def test_where_an_object_may_be_beside_its_computed_pose_is_kept_free() -> None:
+@pytest.mark.parametrize("angle", [0.2, 0.0])
+def test_where_an_object_may_be_beside_its_computed_pose_is_kept_free(angle: float) -> None:
     """Nearer to the upper ends by what it may be ahead, to the lower ones by what it may be behind;
-    an angle counts for the cone in full."""
+    an angle counts for the cone in full, in its middle too."""
     problem, astray = problem_of("screwing"), [0.01, 0.02, 0.03, 0.004, 0.005, 0.006, 0.1]
     model, lost, pose = StepModel(problem), {}, np.eye(4)
-    pose[:2, :2] = [[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]]
+    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     for name, off in (("none", np.zeros(7)), ("some", np.array(astray))):
         known = {"pose": ca.MX(ca.DM(pose)), **undisturbed(model), "astray": ca.MX(ca.DM(off))}
         past, dt = ca.MX.sym("history", initial(problem).size), ca.MX.sym("dt")
@@ -368,5 +370,6 @@ def test_of_a_row_that_touches_a_region_the_whole_way_beside_counts() -> None:
     row, off = ca.SX(1, 6), ca.SX([0.03, 0.0, 0.0, 0.0, 0.04, 0.0, 0.2])
     row[0, 2] = 1.0
     for tangent, expected in ((True, 0.05), (False, 0.0)):
-        ends = [float(end) for end in off_rows(row, off, [tangent])]
+        limit: Any = SimpleNamespace(names=("region",), unit="m", tangent=tangent)
+        ends = [float(end) for end in off_rows(row, off, [limit])]
         assert ends == pytest.approx([expected, expected])

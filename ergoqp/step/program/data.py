@@ -151,8 +151,7 @@ def away_function(model: StepModel) -> ca.Function:
         upper = lower = ca.SX(limit.tolerance)
         if limit.hard:
             noise = ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise)
-            tangents = [getattr(limit, "tangent", False)] * len(limit.names)
-            off = off_rows(ca.SX(rows.matrix), known["astray"], tangents)
+            off = off_rows(ca.SX(rows.matrix), known["astray"], [limit])
             upper, lower = (limit.tolerance + noise + part for part in off)
         returning = ca.DM(np.broadcast_to(limit.returns, rows.matrix.shape[0]).astype(float))
         asking = returning * (1 if limit.hard else known["asks"]) > 0.5

@@ -11,7 +11,7 @@ import numpy as np
 from ergoqp.errors import ProblemError
 from ergoqp.expressions.linear import Shape, by_name, dense, vectors
 from ergoqp.expressions.rigid import shifted
-from ergoqp.limits import Situation
+from ergoqp.limits import Limit, Situation
 from ergoqp.step.model import StepModel
 from ergoqp.step.robot_watch.memory import ASTRAY
 from ergoqp.step.under_way.motion import UnderWay
@@ -126,26 +126,30 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     return [landed, ca.densify(ca.vertcat(*parts))]
 
 
-def off_rows(rows: ca.SX, astray: ca.SX, tangents: Sequence[bool]) -> tuple[ca.SX, ca.SX]:
+def off_rows(rows: ca.SX, astray: ca.SX, limits: Sequence[Limit]) -> tuple[ca.SX, ca.SX]:
     """Return how much nearer to the ends (upper, lower) of rows (m, 6) an object may be.
 
     An object that is turned by an angle, and turns on as commanded, keeps this angle to the
-    computed one. So no row of its orientation changes by more. The direction of a row that touches
-    a region follows from the computed position, and its distance changes by at most the way to the
-    true one.
+    computed one. So no row of its orientation changes by more; an angle neither where it has no
+    slope, in the middle of a cone. The direction of a row that touches a region follows from the
+    computed position, and its distance changes by at most the way to the true one.
 
     Args:
         rows: rows at the computed pose.
         astray: how far the object may be from there, see `ergoqp.step.robot_watch.memory.ASTRAY`.
-        tangents: whether the direction of each row depends on the position.
+        limits: the limits of these rows, in order.
     """
     along, against, angle = astray[:3], astray[3:6], astray[6]
     farthest = ca.norm_2(ca.fmax(along, against))
+    of_rows = [limit for limit in limits for _ in limit.names]
     upper, lower = [], []
-    for row, tangent in zip(ca.vertsplit(rows), tangents, strict=True):
+    for row, limit in zip(ca.vertsplit(rows), of_rows, strict=True):
         turn = angle * ca.norm_2(row[3:]) if row[3:].nnz() else 0
+        if getattr(limit, "bend", 0.0) and limit.unit == "rad":
+            turn = angle
         ahead, back = ca.fmax(row[:3], 0), ca.fmax(-row[:3], 0)
         for ends, one, other in ((upper, along, against), (lower, against, along)):
+            tangent = getattr(limit, "tangent", False)
             ends.append(turn + (farthest if tangent else ahead @ one + back @ other))
     return ca.vertcat(*upper), ca.vertcat(*lower)
 
@@ -200,6 +204,6 @@ def _hard_rows(model: StepModel) -> ca.Function:
             " object only"
         )
     astray = ca.SX.sym("astray", ASTRAY)
-    lost = ca.vertcat(*off_rows(rows, astray, model.under_way.tangents))
+    lost = ca.vertcat(*off_rows(rows, astray, model.under_way.limits))
     inputs = [pose, total, readings, astray]
     return ca.Function("hard_rows", inputs, dense([landed, rows, lost]))
