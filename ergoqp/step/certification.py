@@ -49,6 +49,7 @@ _JUDGED: Final = (
     "previous",
     "dt",
     "away",
+    "doubted",
     "gain",
     "total",
     "xi",
@@ -88,7 +89,7 @@ def judge_function(model: StepModel) -> ca.Function:
     ahead = margins.ahead(ways)
     found |= {"now": now, "ahead": ahead, "outside": outside}
     # A comparison with NaN fails, but a minimum would drop it.
-    found["whole"] = is_set(smallest(ahead >= _floor(model, now), 1.0))
+    found["whole"] = is_set(smallest(ahead >= _floor(model, now - known["doubted"]), 1.0))
     if watched := model.watched_rows:
         found["whole"] = ca.logic_and(found["whole"], ca.sumsqr(now[watched]) <= ca.inf)
     outputs = [ca.densify(part) for part in found.values()]
@@ -152,6 +153,7 @@ _SHORTENED: Final = (
     "wanted",
     "brake",
     "now",
+    "doubted",
 )
 
 
@@ -179,7 +181,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
     S = model.sparse(sx["S"])
     situation = model.situation(sx, S)
     at_braking = _margins(model, sx, S, sx["brake"], sx["dt"])
-    floor = _floor(model, sx["now"], at_braking)
+    floor = _floor(model, sx["now"] - sx["doubted"], at_braking)
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
     candidates = [candidate * ca.DM.ones(6) for candidate in _SHARES]
     if problem.surface is None:
@@ -220,7 +222,8 @@ def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, 
 def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> Expression:
     """Return the margins that an accepted twist must keep through its stop.
 
-    They follow from the present margins and from those of braking.
+    They follow from the present margins, less what is not known of the pose, and from those of
+    braking.
 
     Hard rows: what held must hold, what did not must not get worse, and no more is required than
     braking achieves. Where margins are lower bounds this exception does not apply: braking may be

@@ -3,6 +3,8 @@ for."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from step_samples import (
@@ -17,7 +19,7 @@ from step_samples import (
 )
 
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.limits import WorkspaceBox
+from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.stepper import Stepper
@@ -222,6 +224,32 @@ def test_a_first_pose_that_is_taken_from_the_posture_is_as_far_off_as_is_declare
             highest = max(highest, pose[2, 3] - upper[2])
     assert (highest <= 0) == (declared > 0)
     assert highest > -0.03
+
+
+@pytest.mark.parametrize("average", [0.05, 0.2])
+@pytest.mark.parametrize("inside", [1.0, 5.0])
+@pytest.mark.parametrize("shoulder", [-20.0, 40.0])
+def test_an_object_that_may_be_outside_of_its_cone_moves_on_but_no_further_out(
+    average: float, inside: float, shoulder: float
+) -> None:
+    """The pose of a posture may be 8 deg off, which is more than is left to the end of the cone."""
+    problem, q = bold_of("screwing"), comfort_of("screwing")
+    problem = problem.replace(
+        robot=DeclaredRobot(delay=0.03), control=replace(problem.control, average=average)
+    )
+    cone = problem.limit_of(AxisCone)
+    angle = cone.half_angle_deg - np.degrees(Stepper(problem).step(q).margins["tool axis"])
+    narrow = replace(cone, half_angle_deg=float(angle + inside))
+    limits = [narrow if limit is cone else limit for limit in problem.limits]
+    stepper, least, most = Stepper(problem.replace(limits=limits)), np.inf, 0.0
+    posture = q.copy()
+    posture[INDEX["right_shoulder_flexion"]] = np.radians(shoulder)
+    for number in range(400):
+        step = stepper.step(q if number == 0 else posture)
+        least = min(least, np.degrees(step.margins["tool axis"]))
+        most = max(most, np.abs(step.twist).max())
+    assert most > 0.01
+    assert least >= inside - 1e-4
 
 
 @pytest.mark.parametrize("at", [40, 60, 80, 100])

@@ -371,7 +371,7 @@ def test_what_the_noise_of_its_pose_may_have_moved_out_is_not_asked_back() -> No
         pose = held_pose("screwing").copy()
         pose[0, 3] = box.upper[0] + out
         away = np.array(
-            away_function(StepModel(problem))(q, np.ones(32), readings, pose, 1, np.zeros(7))
+            away_function(StepModel(problem))(q, np.ones(32), readings, pose, 1, np.zeros(7))[0]
         ).ravel()
         assert away[row] == pytest.approx(out if asks else 0.0)
 

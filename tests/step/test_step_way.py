@@ -361,8 +361,11 @@ def test_what_may_be_inside_is_not_asked_back() -> None:
     for astray, asks in ((0.03, False), (0.01, True)):
         off = np.r_[astray, np.zeros(6)]
         readings = model.readings(q, pose)
-        away = away_function(model)(q, np.ones(32), readings, pose, 1, off)
+        away, doubted = away_function(model)(q, np.ones(32), readings, pose, 1, off)
         assert (np.array(away).ravel()[row] > 0) == asks
+        # The margin to the end, and what may be less of it.
+        assert float(doubted[row]) == pytest.approx(astray)
+        assert float(doubted[problem.row_names.index("workspace y")]) == 0
 
 
 def test_of_a_row_that_touches_a_region_the_whole_way_beside_counts() -> None:

@@ -135,31 +135,36 @@ def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
 
 
 def away_function(model: StepModel) -> ca.Function:
-    """``AWAY -> away (2 r,)``: how far rows that ask to come back are beyond their ends.
+    """``AWAY -> (away (2 r,), doubted (r,))``: how far rows are beyond their ends.
 
-    The upper ends come first, then the lower ones.
-
+    `away` is how far rows that ask to come back are beyond their upper ends, then their lower ones.
     It is 0 for rows that do not ask, and for rows within the tolerance, the declared noise of the
     pose, or what is not known of it. It uses the present pose, not the landing pose, so it does not
     depend on S. `asks` is 0 when rows of the posture have given up.
+
+    `doubted` is how much smaller the present margin of a hard row may be than computed, by what is
+    not known of the pose.
     """
     problem, known = model.problem, model.symbols(AWAY)
     situation = model.situation(known, model.sparse(ca.SX.ones(*model.size("S"))))
-    above, below = [ca.SX(0, 1)], [ca.SX(0, 1)]
+    above, below, doubted = [ca.SX(0, 1)], [ca.SX(0, 1)], [ca.SX(0, 1)]
     for limit in problem.row_limits:
         rows = limit.rows(situation)
+        to_upper, to_lower = ca.fmin(rows.above, FREE), ca.fmin(rows.below, FREE)
         upper = lower = ca.SX(limit.tolerance)
+        less = ca.SX.zeros(len(limit.names))
         if limit.hard:
             noise = ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise)
             off = off_rows(ca.SX(rows.matrix), known["astray"], [limit])
             upper, lower = (limit.tolerance + noise + part for part in off)
+            less = ca.fmin(to_upper, to_lower) - ca.fmin(to_upper - off[0], to_lower - off[1])
+        doubted.append(less)
         returning = ca.DM(np.broadcast_to(limit.returns, rows.matrix.shape[0]).astype(float))
         asking = returning * (1 if limit.hard else known["asks"]) > 0.5
-        for found, distance, allowed in ((above, rows.above, upper), (below, rows.below, lower)):
-            distance = ca.fmin(distance, FREE)
+        for found, distance, allowed in ((above, to_upper, upper), (below, to_lower, lower)):
             found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
-    away = ca.densify(ca.vertcat(*above, *below))
-    return ca.Function("away", list(known.values()), [ca.cse(away)], list(known), ["away"])
+    outputs = ca.cse(dense([ca.vertcat(*above, *below), ca.vertcat(*doubted)]))
+    return ca.Function("away", list(known.values()), outputs, list(known), ["away", "doubted"])
 
 
 _VECTORS: Final = ("below", "above", "rate", "reserve")
