@@ -1,10 +1,11 @@
 """Whether the tests notice mistakes in what the safety rests on, put in and tested one at a time.
 
-Run ``python -m benchmarks.mutants [--quick | --full] [--json FILE]``, or ``make mutants``. A sample
-of the mistakes of `benchmarks.mutant_kinds`, the same from run to run, is put into copies of the
-project: the control step, the limits, the rest, the layout of the exported step, the sheet with its
-data, and the checker. Each is judged by the tests that run its line (coverage, measured first), the
-quickest first, until one fails.
+Run ``python -m benchmarks.mutants [--quick | --full] [--since COMMIT] [--json FILE]``, or ``make
+mutants``. A sample of the mistakes of `benchmarks.mutant_kinds`, the same from run to run, is put
+into copies of the project: the control step, the limits, the rest, the frames, the layout of the
+exported step, the sheet with its data, and the checker. With ``--since`` they are put only into
+lines that came after COMMIT. Each is judged by the tests that run its line (coverage, measured
+first), the quickest first, until one fails.
 
 - ``mutants``: mistakes tried.
 - ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that
@@ -21,6 +22,7 @@ Every one that is alive is printed.
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -29,7 +31,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -51,6 +53,11 @@ MUTATED: Final = (
     "ergoqp/export/fields.py",
     "ergoqp/export/layout.py",
     "ergoqp/simulation/check.py",
+    "ergoqp/simulation/check_ways.py",
+    "ergoqp/problem/frames.py",
+    "ergoqp/problem/room.py",
+    "ergoqp/problem/tried.py",
+    "ergoqp/identification/calibrate.py",
     "ergoqp/sheets/*.py",
     "ergoqp/sheets/*.toml",
 )
@@ -65,6 +72,7 @@ TESTS: Final = (
     "tests/limits",
     "tests/native",
     "tests/export",
+    "tests/identification/test_calibrate.py",
     "tests/sheets",
     "tests/simulation",
     "tests/solvers",
@@ -258,17 +266,40 @@ def _copy(folder: Path) -> Path:
     return folder
 
 
-def measure(report: Report) -> None:
+def _since(commit: str, paths: Sequence[str]) -> Callable[[Mutant], bool]:
+    """Return whether a mutant stands on a line that came after a commit."""
+    came: dict[str, set[int]] = {}
+    for path in paths:
+        shown = subprocess.run(
+            ["git", "diff", "-U0", commit, "--", path],
+            cwd=ROOT,
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        came[path] = set()
+        for first, count in re.findall(r"^@@ .* \+(\d+)(?:,(\d+))? @@", shown, re.MULTILINE):
+            came[path] |= set(range(int(first), int(first) + int(count or 1)))
+    return lambda mutant: mutant.line in came[mutant.path]
+
+
+def measure(report: Report, since: str | None = None) -> None:
     """Try the mutants in copies of the project, two at a time."""
-    patterns = report.pick(MUTATED[-2:], MUTATED)
+    patterns = MUTATED if since else report.pick(MUTATED[-2:], MUTATED)
     paths = sorted(
         str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern)
     )
+    counts = _since(since, paths) if since else None
     sample = sorted(
-        (mutant for path in paths for mutant in mutants_of(ROOT, path)),
+        (
+            mutant
+            for path in paths
+            for mutant in mutants_of(ROOT, path)
+            if counts is None or counts(mutant)
+        ),
         key=lambda mutant: mutant.rank,
     )
-    wanted = report.pick(12, 320)
+    wanted = report.pick(12, 60 if since else 320)
     known = tomllib.loads(
         Path(__file__).with_name("mutants_alive.toml").read_text(encoding="utf-8")
     )["alive"]
@@ -280,7 +311,8 @@ def measure(report: Report) -> None:
         folders: SimpleQueue[Path] = SimpleQueue()
         for number in range(WORKERS):
             folders.put(_copy(Path(place) / str(number)))
-        tests = Tests(_copy(Path(place) / "clean"), report.pick(("tests/sheets",), TESTS))
+        judges = TESTS if since else report.pick(("tests/sheets",), TESTS)
+        tests = Tests(_copy(Path(place) / "clean"), judges)
         report.say(f"{len(sample)} mistakes are possible; {wanted} are tried")
 
         def one(mutant: Mutant, pinned: bool = True) -> Verdict | None:
@@ -310,7 +342,7 @@ def measure(report: Report) -> None:
                     f"{len(verdicts)}/{wanted}, {sum(verdict.killed for verdict in verdicts)}"
                     " killed"
                 )
-        again = pool.map(partial(one, pinned=False), sample[: report.pick(0, 50)])
+        again = pool.map(partial(one, pinned=False), sample[: 0 if since else report.pick(0, 50)])
         unpinned = [verdict.killed for verdict in again if verdict is not None]
     alive = [verdict for verdict in verdicts if not verdict.killed]
     explained = sum(verdict.mutant.name in known for verdict in alive)
@@ -328,4 +360,7 @@ def measure(report: Report) -> None:
 
 
 if __name__ == "__main__":
-    run(measure, __doc__ or "")
+    own = argparse.ArgumentParser(add_help=False)
+    own.add_argument("--since", metavar="COMMIT")
+    options, others = own.parse_known_args()
+    run(partial(measure, since=options.since), __doc__ or "", others)
