@@ -196,7 +196,7 @@ class Seeker:
         )
         if self._stays and not step.twist.any() and step.reason == _NOT_ENABLED:
             step.status, step.reason = "settled", self._why()
-        period = self.dt if dt is None else number(dt)
+        period = self.dt if dt is None else number(dt, "dt", {})
         if not 0.0 < period <= self.problem.longest_period:
             return step
         seen = posture is not None and step.status not in ("braking", "invalid")

@@ -14,7 +14,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.way import turned
+from ergoqp.problem.way import between, turned
 
 _IDENTITY: Final = np.eye(3)
 _PART: Final = 0.002
@@ -94,9 +94,10 @@ class SimulatedRobot:
         self.kind, self._rng = kind, rng
         self.pose, self.velocity = pose.copy(), np.zeros(6)
         self._time, self._part = 0.0, _PART if kind.lag else np.inf
+        self._began = 0.0
         self._coming: deque[tuple[float, np.ndarray]] = deque([(-np.inf, np.zeros(6))])
         self._seen: deque[tuple[float, np.ndarray, np.ndarray]] = deque(
-            [(-np.inf, self.pose, np.zeros(6))]
+            [(0.0, self.pose, np.zeros(6))]
         )
 
     def execute(self, twist: np.ndarray, duration: float) -> Iterator[np.ndarray]:
@@ -116,8 +117,9 @@ class SimulatedRobot:
             )
             self._advance(self._coming[0][1], until - self._time)
             self._time = until
+            self._seen.append((self._time, self.pose, self.velocity.copy()))
             yield self.pose
-        self._seen.append((self._time, self.pose, self.velocity.copy()))
+        self._began = end - duration
         while len(self._seen) > 1 and self._seen[1][0] <= self._time - self.kind.pose_delay + 1e-12:
             self._seen.popleft()
 
@@ -136,12 +138,14 @@ class SimulatedRobot:
 
         With a soft robot the sent twists alone do not determine it.
         """
-        time, _, velocity = self._seen.pop()
-        self._seen.append((time, pose, velocity))
+        velocity = self._seen[-1][2]
+        while len(self._seen) > 1 and self._seen[-1][0] > self._began + 1e-12:
+            self._seen.pop()
+        self._seen.append((self._time, pose, velocity))
 
     def measured_pose(self) -> np.ndarray:
         """Return the pose as measured now (4, 4) [m], with its delay and its error."""
-        pose = self._seen[0][1]
+        pose, _ = self._delayed()
         if not (self.kind.pose_noise or self.kind.pose_noise_deg):
             return pose.copy()
         most = np.repeat([self.kind.pose_noise, np.radians(self.kind.pose_noise_deg)], 3)
@@ -149,7 +153,20 @@ class SimulatedRobot:
 
     def reported_twist(self) -> np.ndarray:
         """Return the twist as the robot reports it (6,) [m/s, rad/s]."""
-        return self._seen[0][2] * (1 + self.kind.speed_noise * self._rng.normal(size=6))
+        _, velocity = self._delayed()
+        return velocity * (1 + self.kind.speed_noise * self._rng.normal(size=6))
+
+    def _delayed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return pose and velocity as they were `pose_delay` ago."""
+        start, pose, velocity = self._seen[0]
+        past = self._time - self.kind.pose_delay - start
+        if len(self._seen) == 1 or past <= 1e-12:
+            return pose, velocity
+        end, after, later = self._seen[1]
+        share = past / (end - start)
+        if self.kind.lag:
+            return between(pose, after, share), velocity + share * (later - velocity)
+        return between(pose, after, share), later
 
 
 def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:

@@ -19,6 +19,9 @@ FREE: Final = 1e9
 So residuals stay numbers.
 """
 
+SOLVER: Final = "solver"
+"""Name of the function of a solver in Python within a step."""
+
 _ACCURACY: Final = 1e-7
 """Accuracy of solvers in the step, which accepts residuals below 1e-6."""
 
@@ -78,27 +81,31 @@ class QpSolver(abc.ABC):
                 given = [np.asarray(part, float) for part in (found.x, found.rows, found.box)]
             except Exception:  # any error of a user's solver; the control loop brakes
                 given = [np.zeros(n), np.zeros(m), np.zeros(n)]
-            except BaseException as end:
-                _INTERRUPTS[threading.get_ident()] = end
-                given = [np.zeros(n), np.zeros(m), np.zeros(n)]
             return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
 
         # One operation, for concurrent threads. The kept function keeps the solver alive, so no
         # other solver has its id.
-        made = NumericFunction("solver", n, m, answer)
+        made = NumericFunction(SOLVER, n, m, answer)
         return _KEPT.setdefault((id(self), n, m), made).expression()
 
 
 def passing_on(call: Callable[[], object]) -> Callable[[], None]:
     """Return a call of a function with solvers in Python that passes on interrupts.
 
-    A `KeyboardInterrupt` within a solver is raised after the call.
+    A `KeyboardInterrupt` within a solver is raised after the call. CasADi may lose one at the edge
+    between its code and the solver's.
     """
 
     def called() -> None:
         # One that is left was raised in a call that was interrupted once more.
         _INTERRUPTS.pop(threading.get_ident(), None)
-        call()
+        try:
+            call()
+        except Exception as error:
+            end = _INTERRUPTS.pop(threading.get_ident(), None)
+            if end is None and KeyboardInterrupt.__name__ in str(error):
+                end = KeyboardInterrupt()
+            raise end or error from None
         if end := _INTERRUPTS.pop(threading.get_ident(), None):
             raise end
 
@@ -148,12 +155,16 @@ class NumericFunction(ca.Callback):
 
     def eval(self, arguments: Any) -> Any:
         """Solve one QP."""
-        return [ca.DM(part) for part in self._answer(arguments)]
+        try:
+            return [ca.DM(part) for part in self._answer(arguments)]
+        except BaseException as end:
+            _INTERRUPTS[threading.get_ident()] = end
+            return [ca.DM.zeros(*shape) for shape in self._out]
 
 
 def numeric(parts: Sequence[ca.DM]) -> Qp:
     """Return a QP of the step, with infinity in place of `FREE`."""
-    arrays = [np.array(part) for part in parts]
+    arrays = [part.full() for part in parts]  # `__array__` of CasADi drops interrupts
     return Qp(arrays[0], arrays[1].ravel(), arrays[2], *(_bound(part) for part in arrays[3:]))
 
 

@@ -30,6 +30,7 @@ from ergoqp.step.program.locking import solve_passes
 from ergoqp.step.program.objective import cost_function, gain_function
 from ergoqp.step.rest import stalled
 from ergoqp.step.robot_watch.watch import watch
+from ergoqp.step.spare import callers
 from ergoqp.step.under_way.landing import landing
 from ergoqp.step.under_way.motion import UnderWay, next_history, under_way
 
@@ -52,7 +53,7 @@ def step_function(
 
     Raises:
         InputError: if `problem` is not a Problem, a flag is not a bool, the solver is unknown, or
-            the step is compiled with another solver than DAQP.
+            the step is compiled with another solver than DAQP or with a term that calls Python.
         CompilerError: if there is no C compiler.
 
     Source:
@@ -71,6 +72,11 @@ def step_function(
         return build_step(problem, chosen, guided=guided)
     if chosen is not solver_named("daqp"):
         raise InputError(f"compiled: got the solver {shown(solver)}, allowed only 'daqp'")
+    if found := callers(problem):
+        raise InputError(
+            f"compiled: got {', '.join(found)}, which calls Python, allowed expressions without"
+            " casadi.Callback"
+        )
     return machine_code(lambda native: build_step(problem, native, guided=guided, unrolled=True))
 
 
@@ -104,7 +110,8 @@ def build_step(
             fastest form for a compiler and the slowest for an interpreter.
         every_branch: whether it always takes the longer branch. Its answers are those of a step
             only where all are needed; it is for `ergoqp.step.timing`.
-        spare: whether cost and readings are NaN, so that the step only brakes.
+        spare: whether no term calls Python, so that the step only brakes, see
+            `ergoqp.step.spare`.
     """
     model = StepModel(problem, guided, every_branch, spare)
     shape = scalars if unrolled else vectors
@@ -180,7 +187,10 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
         limits = model.problem.row_limits
         after["asked"] = asked_update(limits, known["asked"], known["now"], known["dt"])
     if model.compares:
-        after["frames"] = compared_frames(model.problem, {**known, "period": found.dt})
+        compared = {**known, "period": found.dt}
+        after["frames"] = (
+            known["frames"] if model.spare else compared_frames(model.problem, compared)
+        )
     if model.guided:
         after["trial"] = known["next_trial"]
     return after

@@ -13,7 +13,6 @@ import casadi as ca
 from ergoqp.arguments import of_package
 from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
-from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause
 from ergoqp.step.frames_check import BEYOND, FRAMES
 from ergoqp.step.model import StepModel
@@ -87,7 +86,7 @@ def read_inputs(
     posture_ok = ca.sum1(usable - seen) > -0.5
     known = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
     read = by_name(shape(_read_function(model)), known, written=True)
-    pose = _pose(model.problem, given, read["measured"], read["moved"], posture)
+    pose = _pose(model, given, read["measured"], read["moved"], posture)
     known |= read | {"posture": posture, "pose": pose}
     if not of_package(model.problem.response):
         # Without a usable contact frame the pose stays unknown, see `_pose`.
@@ -170,7 +169,7 @@ def _read_function(model: StepModel) -> ca.Function:
 
 
 def _pose(
-    problem: Problem,
+    model: StepModel,
     given: Mapping[str, ca.MX],
     measured: ca.MX,
     moved: ca.MX,
@@ -189,8 +188,8 @@ def _pose(
         ca.MX.sym("moved", 6),
     ]
     inputs.append(ca.MX.sym("posture", posture.numel()))
-    first = problem.response.contact()(inputs[4])[0]
-    if not of_package(problem.response):
+    first = model.response.contact()(inputs[4])[0]
+    if not of_package(model.problem.response):
         # A matrix of zeros stands for a pose that is not usable.
         rigid = ca.Function("rigid", [sx[0]], [is_rigid(sx[0])])(first)
         first = ca.if_else(rigid, first, 0)

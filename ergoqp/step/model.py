@@ -21,6 +21,7 @@ from ergoqp.step.packing import Sizes, count, places
 from ergoqp.step.program.bounds import limit_values, movable_rows
 from ergoqp.step.rest import STATES
 from ergoqp.step.robot_watch.memory import ASTRAY, watch_blocks
+from ergoqp.step.spare import NoResponse, calls_python
 from ergoqp.step.under_way.history import History
 from ergoqp.step.under_way.parts import WayLayout
 
@@ -37,7 +38,8 @@ class StepModel:
         guided: whether the step can be drawn to a guide.
         every_branch: whether the step takes every branch, to be timed; see
             `ergoqp.step.timing`.
-        spare: whether cost and readings are NaN, see `ergoqp.step.spare`.
+        spare: whether cost, readings and a response that calls Python give no numbers, see
+            `ergoqp.step.spare`.
     """
 
     problem: Problem
@@ -48,6 +50,14 @@ class StepModel:
     def if_needed(self, needed: ca.MX) -> ca.MX:
         """Return the condition of a branch that takes longer than the other."""
         return ca.MX(1) if self.every_branch else needed
+
+    @cached_property
+    def response(self) -> Any:
+        """The response that gives the numbers of a step."""
+        response = self.problem.response
+        if not self.spare or not calls_python(response.contact(), response.sensitivity()):
+            return response
+        return NoResponse(response)
 
     @cached_property
     def history(self) -> History:

@@ -24,7 +24,7 @@ from ergoqp.step.guide.place import read_guide
 from ergoqp.step.model import StepModel
 from ergoqp.step.ready import Frame, Layout, Ready
 from ergoqp.step.rest import stalled
-from ergoqp.step.spare import callers, guarded
+from ergoqp.step.spare import callers, check_spare, guarded
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import stop_function
 from ergoqp.step.under_way.history import SHORTEST_DT
@@ -64,7 +64,8 @@ class Stepper:
     Raises:
         InputError: if the solver is unknown, `dt` or `deadline` is out of range, or the guide
             cannot be used.
-        ProblemError: if the workspace is too narrow for such a period.
+        ProblemError: if the workspace is too narrow for such a period, or the rows or margins of an
+            own limit call Python.
         CompilerError: if there is no C compiler for ``compiled=True``.
 
     Example:
@@ -129,9 +130,12 @@ class Stepper:
         if self._solver is not solver_named("daqp"):
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
+        spare = function
         if callers(self.problem):
             spare = build_step(self.problem, self._solver, guided=self._guided, spare=True)
             self._call = guarded(self._call, evaluator, spare, self._raised)
+        if self._model.watched:
+            check_spare(spare)
         # One array for all outputs: a step copies it once, and all its members are views of the
         # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
@@ -167,6 +171,11 @@ class Stepper:
         allowed = f"{n} finite numbers, as state() returns them"
         state = read_array("state", state, (n,), allowed).copy()
         at = self._layout.parts
+        ages = state[at["ages"]]
+        if (np.diff(ages, prepend=0.0) < 0).any() or not ages[0] > 0:
+            raise InputError(
+                f"state: got ages that do not grow from 0 s on, allowed {allowed} of this problem"
+            )
         twists = np.concatenate([state[at["planned"]], state[at["sent"]]]).reshape(-1, 6)
         fastest, speed = np.abs(twists).max(axis=0), self.problem.twist_limit.speed
         if (fastest > speed + _ROUNDING).any():
@@ -274,11 +283,12 @@ class Stepper:
         Args:
             posture: joint angles (32,) [rad], or the values of `Problem.coordinates`. None: no
                 frame arrived.
-            pose: measured contact frame in the world (4, 4) [m]. None: it is integrated from the
-                last one, and comes from the posture the first time.
-            twist: measured twist of the last period (6,) [m/s, rad/s]. None: the sent twist,
-                delayed as declared. It gives the pose if no pose is measured, and it shows faults
-                of the robot. It never changes the limits, which hold for the twist that is sent.
+            pose: measured contact frame in the world (4, 4) [m]. None: the sent twists are
+                integrated from the last one, as delayed as is declared; the first one comes from
+                the posture.
+            twist: measured twist of the last period (6,) [m/s, rad/s], in which the step looks for
+                faults of the robot. None: it looks at the pose alone. It never changes the limits,
+                which hold for the twist that is sent, and never gives the pose.
             dt: for how long this twist will be executed [s]. None: the period of the loop. It is
                 not the time since the last call: a late call ends what was certified. A period
                 longer than three periods of the loop (or than the declared ``longest_hold``)
@@ -297,7 +307,7 @@ class Stepper:
             put(into["posture"], posture, self._shape, "posture", notes)
         if observed is not None:
             put(into["observed"], observed, self._shape, "observed", notes)
-            if "observed" in notes or not np.isfinite(into["observed"]).all():
+            if "observed" in notes or not np.isin(into["observed"], (0.0, 1.0)).all():
                 # Which joints were seen is unknown, so the frame cannot be used.
                 into["observed"][:], into["posture"][:] = 1.0, np.nan
                 notes.setdefault("observed", "observed is not a mask of zeros and ones")
@@ -308,9 +318,9 @@ class Stepper:
             into["has_twist"][0] = 1.0
             put(into["executed"], twist, (6,), "twist", notes)
         if dt is not None:
-            into["dt"][0] = number(dt)
+            into["dt"][0] = number(dt, "dt", notes)
         # The usual cases first: a call costs more than a comparison.
-        into["age"][0] = age if type(age) is float else number(age)
+        into["age"][0] = age if type(age) is float else number(age, "age", notes)
         if enable is not True:
             into["enable"][0] = truth(enable, "enable", notes)
         if self._log is not None:
@@ -338,8 +348,8 @@ class Stepper:
                 moves again. A straight ramp is up to half of `Control.average` ahead of that stop.
                 After such a ramp use `reset`, with the measured twist or once the object stands.
         """
-        start, ready = time.perf_counter(), self._ready
-        late = min(number(elapsed), self._longest_stop)
+        start, ready, said = time.perf_counter(), self._ready, dict[str, str]()
+        late = min(number(elapsed, "elapsed", said), self._longest_stop)
         while late >= SHORTEST_DT:
             period = min(late, 3 * self.dt)
             late -= period
@@ -347,7 +357,7 @@ class Stepper:
             ready = (ready[0], self._state_out.copy(), ready[2], ready[3])
             if not self._out[self._slices["twist"]].any():
                 break
-        notes = self._brake(ready, self.dt if dt is None else number(dt))
+        notes = self._brake(ready, self.dt if dt is None else number(dt, "dt", said)) | said
         return self._answer(ready, notes, start, ready[3])
 
     def stop(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import unmasked
+from ergoqp.arguments import shown, unmasked
 
 _FLOAT: Final = np.dtype(float)
 
@@ -40,14 +40,18 @@ def put(
     target[...] = np.nan
 
 
-def number(value: Any) -> float:
-    """Return a user's number, or NaN if it is not a number; the step detects NaN."""
-    if isinstance(value, (str, bytes, bytearray)):
-        return float("nan")
+def number(value: Any, name: str, notes: dict[str, str]) -> float:
+    """Return a user's number. Anything else gives NaN, which the step detects, and leaves a note.
+
+    A flag is no number: it stands for something else by mistake.
+    """
     try:
-        return float(value)
+        if not isinstance(value, (str, bytes, bytearray, bool, np.bool_)):
+            return float(value)
     except Exception:  # any error: not a number
-        return float("nan")
+        pass
+    notes[name] = f"{name} is {shown(value)}, allowed a number in s"
+    return float("nan")
 
 
 def truth(value: Any, name: str, notes: dict[str, str]) -> bool:

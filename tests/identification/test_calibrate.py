@@ -107,6 +107,14 @@ def test_the_log_of_a_stepper_is_read_as_the_robot_reported(problem: Problem) ->
     assert found.residual.max() < 0.01
 
 
+@pytest.mark.parametrize("shift", [0, 3])
+def test_poses_of_other_moments_are_said_not_to_fit(problem: Problem, shift: int) -> None:
+    right = rests(problem, 10, bias_deg=5.0)
+    mixed = [(posture, right[(i + shift) % 10][1]) for i, (posture, _) in enumerate(right)]
+    said = "; ".join(ergoqp.calibrate_frames(problem, mixed).undetermined)
+    assert ("of the same moments" in said) == (shift > 0)
+
+
 def test_wrong_arguments_are_named(problem: Problem) -> None:
     good = rests(problem, 3)
     with pytest.raises(InputError, match="rests: got 2, allowed at least 3"):
@@ -115,6 +123,9 @@ def test_wrong_arguments_are_named(problem: Problem) -> None:
         ergoqp.calibrate_frames(problem, good, known=["camera"])
     with pytest.raises(InputError, match="has no person"):
         ergoqp.calibrate_frames(ergoqp.load_problem("forearm"), good)
+    in_degrees = [(np.degrees(posture), pose) for posture, pose in good]
+    with pytest.raises(InputError, match=r"rests\[0\]: posture: got .* rad: is it in degrees\?"):
+        ergoqp.calibrate_frames(problem, in_degrees)
     unseen = good[0][0].copy()
     unseen[INDEX["right_elbow_flexion"]] = np.nan
     with pytest.raises(InputError, match="a joint between floor and hand was not seen"):

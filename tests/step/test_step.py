@@ -23,6 +23,7 @@ from step_samples import (
 )
 
 import ergoqp.step.stepper
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 from ergoqp.expressions.linear import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
@@ -237,7 +238,7 @@ UNUSABLE: list[tuple[dict[str, Any], str]] = [
     ({"dt": 0.0}, "dt is 0 s, allowed 1e-05 to 1 s"),
     ({"dt": -0.01}, "dt is -0.01 s"),
     ({"dt": float("nan")}, "dt is nan s"),
-    ({"dt": "soon"}, "dt is nan s"),
+    ({"dt": "soon"}, "dt is .soon., allowed a number in s"),
     ({"dt": 10}, "dt is 10 s"),
     ({"age": -0.1}, "age is -0.1 s, allowed at least 0"),
     ({"age": -0.0011}, "a stamp up to 1 ms ahead counts as 0"),
@@ -433,6 +434,41 @@ def test_what_a_pass_takes_has_the_sizes_of_what_the_step_knows() -> None:
     assert {name: data.size_in(name) for name in sizes} == sizes
 
 
+@pytest.mark.parametrize("name", ["dt", "age"])
+@pytest.mark.parametrize("value", [[0.01], "0.01", True, np.ones(2), None, object])
+def test_a_time_that_is_no_number_is_named(name: str, value: Any) -> None:
+    if name == "dt" and value is None:
+        return
+    given: dict[str, Any] = {name: value}
+    step = stepper_of("screwing").step(comfort_of("screwing"), **given)
+    assert step.status == "invalid"
+    assert f"{name} is {shown(value)}, allowed a number in s" in step.reason
+    if name == "dt":
+        assert f"dt is {shown(value)}" in stepper_of("screwing").brake(value).reason
+
+
+@pytest.mark.parametrize("value", [0.5, -1.0, 2.0, 1e300, np.inf])
+def test_an_observed_that_is_no_mask_is_named(value: float) -> None:
+    seen = np.ones(32)
+    seen[7] = value
+    step = stepper_of("screwing").step(comfort_of("screwing"), observed=seen)
+    assert step.status == "invalid"
+    assert step.reason == "observed is not a mask of zeros and ones"
+
+
+def test_rows_of_the_object_do_not_give_way() -> None:
+    """Slack of such a row only means that the QP asked for more than needed."""
+    step = stepper_of("screwing").step(comfort_of("screwing"))
+    slack, names = step.account("slack"), step._problem.row_names
+    step.account("status")[:] = int(Status.relaxed)
+    for name in ("tool axis", "right_elbow_flexion"):
+        slack[names.index(name)] = 0.01
+    step._account = replace(step._account, status="relaxed")
+    assert step.reason == (
+        "braking alone would pass these limits, so they give way: right elbow flexion"
+    )
+
+
 def test_all_causes_are_named_at_once() -> None:
     step = stepper_of("screwing").step(bad(np.nan), np.eye(3), dt=-1, age=-1, enable=False)
     for part in ("pose has shape", "dt is -1", "age is -1", "not enabled", "posture"):
@@ -443,7 +479,8 @@ def test_all_causes_are_named_at_once() -> None:
     ("posture", "arguments", "sentence"),
     [
         (None, {}, "no posture arrived"),
-        ("comfort", {"age": 0.25}, "the posture is 0.250 s old, allowed 0.100 s"),
+        ("comfort", {"age": 0.25}, "the posture is 0.25 s old, allowed 0.100 s"),
+        ("comfort", {"age": 1e308}, "the posture is 1e+308 s old"),
         ("comfort", {"age": float("inf")}, "old"),
         ("comfort", {"enable": False}, "not enabled"),
         ("comfort", {"enable": np.array([True, False])}, "enable cannot be read as True or False"),

@@ -109,6 +109,7 @@ def test_the_caller_may_write_to_it() -> None:
         (lambda s: s.astype(complex), "state: got"),
         (lambda s: np.where(np.arange(len(s)) == 0, 0.5, s), r"state: got twists of up to \[0.5"),
         (lambda s: np.where(np.arange(len(s)) == 5, -5.0, s), "allowed within the speed limits"),
+        (np.zeros_like, "state: got ages that do not grow from 0 s on"),
     ],
 )
 def test_what_is_no_state_is_one_sentence_and_changes_nothing(change: Any, sentence: str) -> None:

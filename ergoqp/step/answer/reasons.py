@@ -66,7 +66,9 @@ def reason_of(
     if called := [beyond(i) for i in outside if hasattr(limits[i], "breach")]:
         parts.append(", ".join(called) + ", coming back")
     if status == Status.relaxed:
-        used = [names[i] for i in np.flatnonzero(account("slack") > 1e-6)]
+        # Those of the object do not: the certification is exact there.
+        soft = [not limit.hard for limit in limits]
+        used = [names[i] for i in np.flatnonzero((account("slack") > 1e-6) & soft)]
         parts.append(
             "braking alone would pass these limits, so they give way: "
             + ", ".join(map(spoken, used))
@@ -138,6 +140,10 @@ def _cause(
         return notes.get("deadline", "asked to brake")
     if cause is Cause.term:
         return notes.get("term") or _no_number(problem, account)
+    if cause is Cause.dt and "dt" in notes:
+        return notes["dt"]
+    if cause is Cause.age and "age" in notes:
+        return notes["age"]
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: (
@@ -145,7 +151,7 @@ def _cause(
             " counts as 0)"
         ),
         Cause.no_frame: "no posture arrived",
-        Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
+        Cause.too_old: f"the posture is {age:.4g} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
         Cause.unmeasured: f"no pose, and the robot is declared to {_unmeasured(problem.robot)}",

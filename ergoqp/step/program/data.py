@@ -69,7 +69,7 @@ def pass_data(model: StepModel) -> ca.Function:
     problem, kept = model.problem, model.movable
     names = (*PLACE, "away", "total", "gradient", "stalled", "locked", "final")
     mx = model.symbols(names, ca.MX)
-    S, E = written_out(problem.response.sensitivity(), mx["posture"], mx["locked"])
+    S, E = written_out(model.response.sensitivity(), mx["posture"], mx["locked"])
     function, follows = _terms(model)
     shift = S @ mx["way"][:6]
     terms = by_name(function, mx | {"shift": shift, "S": S})
