@@ -410,13 +410,14 @@ def test_a_model_of_a_user_that_gives_nan_is_named() -> None:
 class Asked(ca.Callback):
     """A cost in Python, which can raise or be slow; the steps of its `does` come first."""
 
-    def __init__(self) -> None:
+    def __init__(self, size: int = 32) -> None:
         ca.Callback.__init__(self)
         self.does: Any = lambda q: None
+        self.size = size
         self.construct("asked", {"enable_fd": True})
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(32, 1)
+        return ca.Sparsity.dense(self.size, 1)
 
     def eval(self, arguments: Any) -> Any:
         q = np.array(arguments[0]).ravel()
@@ -427,10 +428,10 @@ class Asked(ca.Callback):
 class AsPlain(Pull):
     """`Pull` through Python, with the four members that every cost has."""
 
-    asked = Asked()
+    asked = Asked(6)
 
     def expression(self, q: Any) -> Any:
-        return self.asked(q)
+        return self.asked(q[:6])
 
 
 class InPython(Pull):
