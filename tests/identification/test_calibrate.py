@@ -107,6 +107,12 @@ def test_the_log_of_a_stepper_is_read_as_the_robot_reported(problem: Problem) ->
     assert found.residual.max() < 0.01
 
 
+def test_few_rests_determine_the_base_as_far_as_people_are_alike(problem: Problem) -> None:
+    """Of people of any stature it would be 0.133 m."""
+    found = ergoqp.calibrate_frames(problem, rests(problem, 3, bias_deg=5.0))
+    assert found.unsure["base_m"] == pytest.approx(0.115, abs=0.008)
+
+
 @pytest.mark.parametrize("shift", [0, 3])
 def test_poses_of_other_moments_are_said_not_to_fit(problem: Problem, shift: int) -> None:
     right = rests(problem, 10, bias_deg=5.0)

@@ -19,6 +19,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.check_ways import Ways
 from ergoqp.step.stepper import Stepper
@@ -145,6 +146,22 @@ def follow(
         path.append(pose[:3, 3].copy())
         steps.append(step)
     return np.array(path), steps, checker
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize(("beyond", "needed"), [(0.9, False), (1.1, True)])
+def test_a_place_within_the_tolerance_of_the_workspace_is_inside(
+    noise: float, beyond: float, needed: bool
+) -> None:
+    """A region in between would else have to be passed."""
+    box = replace(UNIT, tolerance=5e-3)
+    problem = scene([Box((0.0, 0.0, 0.0), (0.1, 1.0, 1.0))], box)
+    problem = problem.replace(robot=DeclaredRobot(pose_noise=noise / np.sqrt(3)))
+    pose = np.eye(4)
+    pose[:3, 3] = -beyond * (5e-3 + noise) - 1e-12, 0.5, 0.5
+    assert problem.way_out is not None
+    back, _, behind = problem.way_out._where(pose[:3, 3])
+    assert bool(np.array(back).any()) == bool(np.array(behind).any()) == needed
 
 
 EDGE = Box((0.0, 0.3, 0.3), (0.1, 0.7, 0.7))

@@ -67,6 +67,17 @@ class Stairs(Upright):
         return 1 + 4.0 * (np.atleast_2d(postures)[:, TRUNK] > 0.3)
 
 
+class SteepStairs(Upright):
+    """A small jump where the cost is flat, far from where it is steep."""
+
+    def expression(self, q: Any) -> Any:
+        return 1 + 40 * q[TRUNK] ** 2 + ca.if_else(q[TRUNK] > 0.06, 0.05, 0)
+
+    def __call__(self, postures: Any) -> np.ndarray:
+        bent = np.atleast_2d(postures)[:, TRUNK]
+        return 1 + 40 * bent**2 + 0.05 * (bent > 0.06)
+
+
 class Edge(Upright):
     def expression(self, q: Any) -> Any:
         return 1 + ca.sqrt(0.2 - q[TRUNK])
@@ -107,6 +118,7 @@ def test_a_cost_that_is_what_it_says_is_taken(base: Problem, cost: Any) -> None:
         (Above(), "got minimum 5 of upright, but 1"),
         (OneNorm(), r"got a slope of upright that jumps at .* -?[\d.e-]+ deg"),
         (Stairs(), "got a jump of upright by 4"),
+        (SteepStairs(), "got a jump of upright by 0.05"),
         (Edge(), "got NaN or infinity from the expression of upright"),
     ],
     ids=lambda each: type(each).__name__ if not isinstance(each, str) else "",

@@ -75,6 +75,11 @@ def test_the_form_that_is_timed_takes_every_branch(guided: bool) -> None:
     assert counts[True] == [(6 + rows, rows)] * PASSES
 
 
+def test_nothing_is_compiled_that_was_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ergoqp.step.timing, "machine_code", lambda build: pytest.fail("compiled"))
+    benchmark_step(problem_of("forearm"), steps=1)
+
+
 def test_its_times_add_up() -> None:
     times = benchmark_step(problem_of("forearm"), steps=10)
     assert isinstance(times, StepTimes)
