@@ -139,7 +139,9 @@ def test_a_cost_slower_than_the_period_is_refused(
 
     monkeypatch.setattr(tried._Cost, "at", slow)
     with pytest.raises(
-        ProblemError, match=r"^cost: got 1\d.* ms for one evaluation of the cost up"
+        ProblemError,
+        match=r"^cost: got 1\d.* ms for one evaluation of the cost upright, allowed less than the"
+        " period of 10 ms: ",
     ):
         base.replace(cost=Upright())
     assert base.replace(cost=Upright(), dt=0.03).own_times["cost upright"] > 0.01

@@ -19,7 +19,7 @@ from ergoqp.solvers.daqp import ITERATIONS
 from ergoqp.step.function import build_step
 from ergoqp.step.program.locking import PASSES
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.timing import LARGEST_ITERATIONS, StepTimes, benchmark_step
+from ergoqp.step.timing import LARGEST_ITERATIONS, StepTimes, _largest_step, benchmark_step
 
 POSTURE = near_comfort("screwing", np.random.default_rng(3), 20)
 
@@ -73,6 +73,15 @@ def test_the_form_that_is_timed_takes_every_branch(guided: bool) -> None:
     [(unknowns, rows)] = counts[False]
     assert unknowns == 6
     assert counts[True] == [(6 + rows, rows)] * PASSES
+
+
+def test_the_form_that_is_timed_is_the_one_that_takes_every_branch() -> None:
+    problem, solver = problem_of("forearm"), solver_named("daqp")
+    timed = _largest_step(problem, compiled=False, guided=False)
+    every, usual = (
+        build_step(problem, solver, "largest_step", every_branch=every) for every in (True, False)
+    )
+    assert timed.serialize() == every.serialize() != usual.serialize()
 
 
 def test_nothing_is_compiled_that_was_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
