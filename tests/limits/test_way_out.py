@@ -160,6 +160,7 @@ def test_a_place_within_the_tolerance_of_the_workspace_is_inside(
     pose = np.eye(4)
     pose[:3, 3] = -beyond * (5e-3 + noise) - 1e-12, 0.5, 0.5
     assert problem.way_out is not None
+    assert problem.way_out.recovery_time == 0.5
     back, _, behind = problem.way_out._where(pose[:3, 3])
     assert bool(np.array(back).any()) == bool(np.array(behind).any()) == needed
 
