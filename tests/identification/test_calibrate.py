@@ -10,6 +10,7 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
+from ergoqp.identification.calibrate import _Fit
 from ergoqp.joints import INDEX
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
@@ -68,6 +69,30 @@ def test_a_person_with_errors_is_calibrated_as_far_as_it_goes(problem: Problem) 
         TRUE.base, TRUE.flange, None, known.offset, known.spread, known.spread_deg
     )
     assert known.unsure["base_m"] == 0.0
+
+
+def test_what_the_frames_leave_is_as_plain_arithmetic_says(problem: Problem) -> None:
+    given = rests(problem, 8, bias_deg=4.0)
+    given[3][1][0, 3] += 0.03
+    found = ergoqp.calibrate_frames(problem, given)
+    by_pose = np.array([found.base @ pose @ found.flange for _, pose in given])
+    by_posture = np.array([problem.response.contact()(posture)[0].full() for posture, _ in given])
+    angles = np.arccos(np.sum(by_pose[:, :3, 0] * by_posture[:, :3, 0], axis=1))
+    assert found.spread_deg == pytest.approx(np.degrees(angles.max()), rel=1e-6)
+    shifts = by_pose[:, :3, 3] - by_posture[:, :3, 3]
+    np.testing.assert_allclose(found.offset, shifts.mean(axis=0), atol=1e-12)
+    assert np.argmax(found.residual) == 3
+    assert 0.012 < found.residual[3] < 0.03
+
+
+def test_a_start_of_the_search_is_a_frame_along_the_tool(problem: Problem) -> None:
+    given = rests(problem, 8)
+    fit = _Fit(problem, *(np.array(part) for part in zip(*given, strict=True)), ())
+    tool = np.array([0.3, -0.5, 0.2])
+    turn = fit._flange_turn(tool, TRUE.base[:3, :3] @ fit.poses[:, :3, :3])
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(turn[:, 0], tool / np.linalg.norm(tool), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1)
 
 
 def test_a_wild_rest_is_left_out(problem: Problem) -> None:

@@ -161,8 +161,12 @@ def test_a_place_within_the_tolerance_of_the_workspace_is_inside(
     pose[:3, 3] = -beyond * (5e-3 + noise) - 1e-12, 0.5, 0.5
     assert problem.way_out is not None
     assert problem.way_out.recovery_time == 0.5
+    exact = scene([EDGE], box).way_out
+    assert exact is not None
+    np.testing.assert_allclose(np.subtract(problem.way_out.room, exact.room), noise, atol=1e-12)
     back, _, behind = problem.way_out._where(pose[:3, 3])
     assert bool(np.array(back).any()) == bool(np.array(behind).any()) == needed
+    assert (Ways(problem).length(pose[:3, 3]) > 0) == needed
 
 
 EDGE = Box((0.0, 0.3, 0.3), (0.1, 0.7, 0.7))

@@ -78,6 +78,14 @@ class SteepStairs(Upright):
         return 1 + 40 * bent**2 + 0.05 * (bent > 0.06)
 
 
+class Kink(Upright):
+    def expression(self, q: Any) -> Any:
+        return 1 + ca.fmax(0, q[TRUNK] - 0.3)
+
+    def __call__(self, postures: Any) -> np.ndarray:
+        return 1 + np.maximum(0, np.atleast_2d(postures)[:, TRUNK] - 0.3)
+
+
 class Edge(Upright):
     def expression(self, q: Any) -> Any:
         return 1 + ca.sqrt(0.2 - q[TRUNK])
@@ -119,6 +127,7 @@ def test_a_cost_that_is_what_it_says_is_taken(base: Problem, cost: Any) -> None:
         (OneNorm(), r"got a slope of upright that jumps at .* -?[\d.e-]+ deg"),
         (Stairs(), "got a jump of upright by 4"),
         (SteepStairs(), "got a jump of upright by 0.05"),
+        (Kink(), "got a slope of upright that jumps at trunk flexion 17.2 deg, allowed"),
         (Edge(), "got NaN or infinity from the expression of upright"),
     ],
     ids=lambda each: type(each).__name__ if not isinstance(each, str) else "",

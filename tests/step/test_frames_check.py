@@ -15,7 +15,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.answer.causes import Cause
-from ergoqp.step.frames_check import AGREED, BEYOND, DOUBTED, PERIOD, bounds
+from ergoqp.step.frames_check import AGREED, BEYOND, DOUBTED, PERIOD, _judged, bounds
 from ergoqp.step.stepper import Step, Stepper
 
 
@@ -90,6 +90,25 @@ def test_a_wrong_frame_brakes_within_a_second_and_says_what_to_mend(
     assert len(said) == 1
     assert mends in said[0]
     assert len({step.reason for step in steps[first + 50 :]}) == 1
+
+
+@pytest.mark.parametrize("trusted", [False, True])
+@pytest.mark.parametrize("distance", [0.1, 0.3, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("degrees", [0.0, 25.0, 55.0, 85.0, 100.0])
+@pytest.mark.parametrize("explained", [0.9, 1.5])
+def test_what_counts_is_the_distance_and_the_angle_together(
+    trusted: bool, distance: float, degrees: float, explained: float
+) -> None:
+    """An ellipse of 0.38 m and 60 deg, and of 0.9 m and 90 deg once they have agreed."""
+    block = np.array([0, 3.0, 4.0, AGREED if trusted else 2, 0, 0])
+    apart = np.array([0, distance, 0, 0, 0, 2 * np.sin(np.radians(degrees) / 2)])
+    after = np.array(_judged(problem_of())(block, apart, [1.5, explained])).ravel()
+    outside = (distance / 0.38) ** 2 + (degrees / 60) ** 2 > 1
+    walked = (distance / 0.9) ** 2 + (degrees / 90) ** 2 > 1
+    assert after[1] == 3 + (1 if (walked if trusted else outside) else -1)
+    assert after[2] == 4 + (1 if outside or explained < 1 else -1)
+    assert after[3] == (AGREED if trusted else 0 if outside else 3)
+    np.testing.assert_allclose(after[4:], [distance, np.radians(degrees)], atol=1e-9)
 
 
 def test_millimetres_are_no_pose() -> None:

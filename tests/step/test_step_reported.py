@@ -226,6 +226,19 @@ def test_a_first_pose_that_is_taken_from_the_posture_is_as_far_off_as_is_declare
     assert highest > -0.03
 
 
+@pytest.mark.parametrize(
+    ("beside", "said"), [(0.01, "within what is not known of the pose"), (0.05, "coming back")]
+)
+def test_an_object_that_may_be_inside_is_said_to_be(beside: float, said: str) -> None:
+    """Its pose is that of a posture, which may be off by 35 mm."""
+    problem, q = problem_of("screwing"), comfort_of("screwing")
+    box, x = problem.limit_of(WorkspaceBox), float(problem.response.contact()(q)[0][0, 3])
+    narrow = replace(box, upper=(x - beside, *box.upper[1:]))
+    limits = [narrow if limit is box else limit for limit in problem.limits]
+    stepper = Stepper(problem.replace(robot=DeclaredRobot(delay=0.03), limits=limits))
+    assert said in stepper.step(q).reason
+
+
 @pytest.mark.parametrize("average", [0.05, 0.2])
 @pytest.mark.parametrize("inside", [1.0, 5.0])
 @pytest.mark.parametrize("shoulder", [-20.0, 40.0])

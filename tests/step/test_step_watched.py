@@ -436,6 +436,21 @@ def test_a_push_at_rest_is_no_noise_even_where_the_pose_has_some() -> None:
     assert not any("scatters" in reason for reason in reasons)
 
 
+def test_one_wrong_pose_at_rest_is_a_jump_and_no_noise() -> None:
+    stepper, q, pose = (
+        Stepper(problem_of("screwing")),
+        comfort_of("screwing"),
+        held_pose("screwing"),
+    )
+    for _ in range(200):
+        step = stepper.step(q, pose)
+    assert not step.twist.any()
+    away = moved(pose, np.array([0, 0.005, 0, 0, 0, 0]))
+    reasons = [stepper.step(q, given).reason for given in (away, *[pose] * 60)]
+    assert any("jumps" in reason for reason in reasons)
+    assert not any("scatters" in reason for reason in reasons)
+
+
 def test_the_name_of_a_fault_stays() -> None:
     """A soft robot had hundreds of texts in one loop."""
     stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(0)

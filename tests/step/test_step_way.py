@@ -376,3 +376,8 @@ def test_of_a_row_that_touches_a_region_the_whole_way_beside_counts() -> None:
         limit: Any = SimpleNamespace(names=("region",), unit="m", tangent=tangent)
         ends = [float(end) for end in off_rows(row, off, [limit])]
         assert ends == pytest.approx([expected, expected])
+        # A turn moves the row by its slope at most.
+        row[0, 3:] = [0.0, 0.3, 0.4]
+        ends = [float(end) for end in off_rows(row, off, [limit])]
+        assert ends == pytest.approx([expected + 0.1, expected + 0.1])
+        row[0, 3:] = 0
