@@ -103,13 +103,16 @@ def passing_on(call: Callable[[], object]) -> Callable[[], None]:
             call()
         except Exception as error:
             end = _INTERRUPTS.pop(threading.get_ident(), None)
-            if end is None and KeyboardInterrupt.__name__ in str(error):
-                end = KeyboardInterrupt()
-            raise end or error from None
+            raise end or (KeyboardInterrupt() if interrupted(error) else error) from None
         if end := _INTERRUPTS.pop(threading.get_ident(), None):
             raise end
 
     return called
+
+
+def interrupted(error: Exception) -> bool:
+    """Return whether an error of CasADi was an interrupt of Python code that it called."""
+    return str(error).strip().endswith(KeyboardInterrupt.__name__)
 
 
 class NumericFunction(ca.Callback):

@@ -15,7 +15,7 @@ from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.problem import Problem
-from ergoqp.solvers.solver import SOLVER
+from ergoqp.solvers.solver import SOLVER, interrupted
 
 _CALLBACK: Final = "CallbackInternal"
 """What CasADi calls a function that is written in Python."""
@@ -108,6 +108,8 @@ def guarded(
         try:
             call()
         except Exception as error:  # any error in the code of a user's term
+            if interrupted(error):
+                raise KeyboardInterrupt from None
             for name, values in evaluator.inputs.items():
                 instead.inputs[name][:] = values
             instead.evaluate()

@@ -475,6 +475,26 @@ def test_a_cost_that_raises_brakes_and_is_named(solver: str, cost: Any) -> None:
     assert loop(stepper, FORWARD, 30, pose)[-1][1].twist[0] > 0.05
 
 
+def test_an_interrupt_within_a_term_is_no_error_of_it() -> None:
+    cost = AsPlain()
+    stepper = Stepper(problem_with(cost=cost))
+    stepper.step(FORWARD)
+    before = stepper.state()
+
+    def does(q: np.ndarray) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        cost.asked.does = does
+        for call in (lambda: stepper.step(FORWARD), stepper.brake, stepper.stop):
+            with pytest.raises(KeyboardInterrupt):
+                call()
+    finally:
+        cost.asked.does = lambda q: None
+    np.testing.assert_array_equal(stepper.state(), before)
+    assert stepper.step(FORWARD).status == "optimal"
+
+
 class Nothing(Asked):
     """Adds nothing to a response, but asks Python for it."""
 
