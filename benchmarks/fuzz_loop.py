@@ -120,7 +120,7 @@ class Loop:
         self._declared, self._done = TrueObject(as_declared, np.eye(4), start), np.zeros(6)
         self._placed, self._anchored, self._disobeys = place is not None, False, 0
         self._before: np.ndarray | None = None
-        self._presumed, self._reason = True, ""
+        self._presumed, self._reason, self._was_short = True, "", False
         self._periods: deque[float] = deque(maxlen=100)
 
     def sane(self) -> Call:
@@ -173,6 +173,7 @@ class Loop:
             self.restart()
             return
         self._tally.statuses[step.status] += 1
+        self._object.see(step.pose)
         self._judge(call, step, state, where)
 
     def _keep_declared(self, call: Call) -> None:
@@ -270,7 +271,7 @@ class Loop:
             self.restart()
             return
         short, unmeasured = (
-            self._may_be_short(dt),
+            self._may_be_short(dt) or self._was_short,
             bool(self._problem.robot.needs_pose and not measured),
         )
         self._place(call, step, posture, seen, measured, short, where)
@@ -342,6 +343,7 @@ class Loop:
         self._reason = reason
         self._robot.follow(reason, step.status in _BRAKES, stopped, step.twist, dt)
         self._done = sum((part for _, part in self._declared.send(step.twist, dt)), np.zeros(6))
+        self._was_short = self._may_be_short(dt)
         self._periods.appendleft(dt)
         self._before = step.pose.copy() if self._anchored else None
         self._object.send(
@@ -355,7 +357,8 @@ class Loop:
     def _may_be_short(self, dt: float) -> bool:
         """Whether the last periods were 1.5 times shorter than the loop's.
 
-        This is meant on average over what is averaged or under way.
+        This is meant on average over what is averaged or under way. One period later it may still
+        be said: that period begins at a mean of too few.
         """
         robot, usual = self._problem.robot, self._problem.dt
         for seconds in (self._problem.average, robot.delay + robot.pose_delay):

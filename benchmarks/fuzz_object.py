@@ -99,6 +99,7 @@ class ObjectJudge:
         self._within = np.zeros(len(self._regions.names), dtype=bool)
         self._spared = (_ALLOWED_LATE[0] if self._late else _ALLOWED) + _KEPT
         self._spared += float(np.linalg.norm(undeclared[:3]))
+        self._undeclared = bool(undeclared.any())
 
     def appear(self, measured: np.ndarray) -> None:
         """Be where nobody sent it (4, 4), as it is measured."""
@@ -146,6 +147,15 @@ class ObjectJudge:
         self._within = self._regions.met(way, beside)
         farthest = np.maximum(worst + np.where(worst > here + _ALLOWED, apart, 0), end + apart)
         self._least = np.maximum(farthest, 0)
+
+    def see(self, pose: np.ndarray) -> None:
+        """Take notice of the pose (4, 4) by which a step went.
+
+        Where its noise is not declared, an object beside a region may be seen in it. The step then
+        leads it out by a straight way that ends in the workspace, which may go through the region.
+        """
+        if self._undeclared:
+            self._within |= self._regions.depths(pose[:3, 3]) > 0
 
     def send(self, twist: np.ndarray, seconds: float, kind: str, where: str, what: str) -> None:
         """Let the robot do what was sent (6,) for some seconds, and judge the way of the object.

@@ -199,11 +199,15 @@ class RobotReckoning:
             (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag)
             + robot.longest_hold
         )
+        reach = self._most.copy()
+        if robot.pose_noise_deg:
+            # In the axes of the object what it owes may be along any axis.
+            reach[3:] = np.linalg.norm(self._most[3:])
         alone = robot.longest_hold and not (robot.delay or robot.lag or robot.pose_delay)
         # A hold that does not stand out of the noise cannot be told from it.
         room = (
             (6 if alone else 2) * self._noise
-            + slow * self._most
+            + slow * reach
             + robot.gain_error * np.linalg.norm(self._path)
         )
         # The turns of a late robot do not commute with those that it still owes.

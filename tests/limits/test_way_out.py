@@ -210,6 +210,30 @@ def test_an_object_in_a_region_is_led_out_by_the_shortest_way_that_ends_in_the_w
     assert steps[-1].status != "recovering"
 
 
+@dataclass(frozen=True)
+class Unfollowed(Direct):
+    """A response whose part that cannot be followed is no number where it was not tried."""
+
+    bad: float = np.nan
+
+    def sensitivity(self) -> ca.Function:
+        q, locked = ca.SX.sym("q", 32), ca.SX.sym("locked", 32)
+        S, E = super().sensitivity()(q, locked)
+        E[0, 0] = ca.if_else(ca.fabs(q[6] - 2.7) < 0.01, self.bad, 0)
+        return ca.Function("sensitivity", [q, locked], [S, ca.densify(E)])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_term_without_a_number_is_named_on_the_way_out_too(bad: float) -> None:
+    stepper, pose = Stepper(scene([EDGE], response=Unfollowed(bad))), np.eye(4)
+    pose[:3, 3], posture = (0.05, 0.5, 0.5), np.zeros(32)
+    assert stepper.step(posture, pose).status == "recovering"
+    posture[6] = 2.7
+    step = stepper.step(posture, pose)
+    assert step.status == "braking"
+    assert "response: got contact motion that cannot be followed that is NaN" in step.reason
+
+
 def test_an_object_outside_the_workspace_is_led_past_a_region_in_between() -> None:
     # Nothing draws it aside.
     path, steps, checker = follow(scene([SIDE]), np.array([-0.2, 0.5, 0.5]), np.zeros(6), 9.0)

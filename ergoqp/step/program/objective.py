@@ -158,6 +158,8 @@ def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     led_H[:3, :], led_H[:, :3] = 0, 0
     led_H[:3, :3] = _LEADS * ca.SX.eye(3)
     led_g[:3] = -_LEADS * pace * way[:3]
+    # What is replaced may hold no number, which has to show.
+    led_g = ca.if_else(ca.sumsqr(H) + ca.sumsqr(g) < ca.inf, led_g, np.nan)
     led = way[3] > 0
     outputs = dense([ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)])
     return ca.Function("led", sx, ca.cse(outputs))
