@@ -236,7 +236,9 @@ class RobotReckoning:
         scatter = np.minimum(np.abs(surprise - self._surprise), self._credible) * lasted
         self._surprise = surprise
         self._drift, self._blur = self._drift + surprise * lasted, self._blur + scatter**2 / 2
-        slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + self._dt
+        late = robot.delay + robot.pose_delay + robot.lag
+        # What a late robot does on while a call is late is not reported.
+        slow = 2 * (1 + robot.gain_error) * (late + robot.longest_hold * (late > 0)) + self._dt
         path = float(np.linalg.norm(self._path + np.abs(told) * lasted))
         room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * path
         far = np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room
