@@ -75,12 +75,9 @@ class QpSolver(abc.ABC):
         name = self.name
 
         def answer(parts: Sequence[ca.DM]) -> Sequence[Array]:
-            try:
-                session = Session(name, n, m, lambda: self.workspace(n, m, _ACCURACY))
-                found = session.solve_qp(numeric(parts), warm=False)
-                given = [np.asarray(part, float) for part in (found.x, found.rows, found.box)]
-            except Exception:  # any error of a user's solver; the control loop brakes
-                given = [np.zeros(n), np.zeros(m), np.zeros(n)]
+            session = Session(name, n, m, lambda: self.workspace(n, m, _ACCURACY))
+            found = session.solve_qp(numeric(parts), warm=False)
+            given = [np.asarray(part, float) for part in (found.x, found.rows, found.box)]
             return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
 
         # One operation, for concurrent threads. The kept function keeps the solver alive, so no
@@ -157,11 +154,12 @@ class NumericFunction(ca.Callback):
         return ca.Sparsity.dense(*self._out[i])
 
     def eval(self, arguments: Any) -> Any:
-        """Solve one QP."""
+        """Solve one QP; zeros for any error of a user's solver, so that the control loop brakes."""
         try:
             return [ca.DM(part) for part in self._answer(arguments)]
         except BaseException as end:
-            _INTERRUPTS[threading.get_ident()] = end
+            if not isinstance(end, Exception):
+                _INTERRUPTS[threading.get_ident()] = end
             return [ca.DM.zeros(*shape) for shape in self._out]
 
 

@@ -307,7 +307,8 @@ class Stepper:
             put(into["posture"], posture, self._shape, "posture", notes)
         if observed is not None:
             put(into["observed"], observed, self._shape, "observed", notes)
-            if "observed" in notes or not np.isin(into["observed"], (0.0, 1.0)).all():
+            mask = into["observed"]
+            if "observed" in notes or ((mask != 0.0) & (mask != 1.0)).any():
                 # Which joints were seen is unknown, so the frame cannot be used.
                 into["observed"][:], into["posture"][:] = 1.0, np.nan
                 notes.setdefault("observed", "observed is not a mask of zeros and ones")
