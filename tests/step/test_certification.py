@@ -9,14 +9,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from step_samples import bold_stepper, held_pose, near_comfort, problem_of
+from step_samples import bold_stepper, comfort_of, held_pose, near_comfort, problem_of
 
 from ergoqp.joints import INDEX, LOWER, UPPER
+from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer.accounting import _rate_excess
-from ergoqp.step.certification import GIVES_WAY, HELD, _floor
+from ergoqp.step.certification import (
+    GIVES_WAY,
+    HELD,
+    _floor,
+    _shorten_function,
+    judge_function,
+)
 from ergoqp.step.model import StepModel
 
 
@@ -102,3 +109,31 @@ def test_a_row_that_is_faster_than_its_rate_has_given_way_by_as_much() -> None:
     twist = ca.MX(ca.DM([1.25, -1.25, 1 + 2e-7, 1 + 5e-8, 0.5, 99]))
     found = np.array(ca.evalf(_rate_excess(rows, twist))).ravel()
     np.testing.assert_allclose(found, [0.25, 0.25, 2e-7, 0, 0, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("doubted", "holds"), [(0.0, False), (0.004, True)])
+def test_what_is_not_known_of_a_row_is_no_reason_to_brake(doubted: float, holds: bool) -> None:
+    """A row beyond its end goes no further out, but for what is not known of where it is."""
+    problem, dt = problem_of("screwing"), 0.01
+    model, row = StepModel(problem), problem.row_names.index("workspace x")
+    pose, out = held_pose("screwing").copy(), np.r_[0.01, np.zeros(5)]
+    pose[0, 3] = problem.limit_of(WorkspaceBox).upper[0] + 0.01
+    judge, shorten = judge_function(model), _shorten_function(model)
+    given: dict[str, Any] = {
+        name: np.zeros(model.size(name)) for name in {*judge.name_in(), *shorten.name_in()}
+    }
+    q, far = comfort_of("screwing"), np.zeros(len(problem.row_names))
+    far[row] = doubted
+    given |= {"posture": q, "observed": np.ones(32), "pose": pose, "landed": pose, "dt": dt}
+    given |= {"readings": model.readings(q, pose), "doubted": far, "xi": out, "usable": 1}
+
+    def ask(function: ca.Function, **more: Any) -> dict[str, Any]:
+        return function(**{name: (given | more)[name] for name in function.name_in()})
+
+    found = ask(judge)
+    np.testing.assert_allclose(np.array(found["wanted"]).ravel(), out)
+    assert float(found["now"][row]) == pytest.approx(-0.01)
+    assert -0.014 < float(found["ahead"][row]) < -0.0101
+    assert float(found["whole"]) == holds
+    shares = ask(shorten, wanted=out, brake=found["brake"], now=found["now"])["share"]
+    assert (float(shares[0]) == 1) == holds
