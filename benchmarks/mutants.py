@@ -1,11 +1,12 @@
 """Whether the tests notice mistakes in what the safety rests on, put in and tested one at a time.
 
-Run ``python -m benchmarks.mutants [--quick | --full] [--since COMMIT] [--json FILE]``, or ``make
-mutants``. A sample of the mistakes of `benchmarks.mutant_kinds`, the same from run to run, is put
-into copies of the project: the control step, the limits, the rest, the frames, the layout of the
-exported step, the sheet with its data, and the checker. With ``--since`` they are put only into
-lines that came after COMMIT. Each is judged by the tests that run its line (coverage, measured
-first), the quickest first, until one fails.
+Run ``python -m benchmarks.mutants [--quick | --full] [--since COMMIT] [--keep FOLDER] [--json
+FILE]``, or ``make mutants``. A sample of the mistakes of `benchmarks.mutant_kinds`, the same from
+run to run, is put into copies of the project: the control step, the limits, the rest, the frames,
+the layout of the exported step, the sheet with its data, and the checker. With ``--since`` they are
+put only into lines that came after COMMIT. Each is judged by the tests that run its line (coverage,
+measured first), the quickest first, until one fails. With ``--keep`` what was found is kept in
+FOLDER, and a run that was ended goes on where it was, as long as the commit is the same.
 
 - ``mutants``: mistakes tried.
 - ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that
@@ -23,6 +24,7 @@ Every one that is alive is printed.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -30,15 +32,16 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import tomllib
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Final
+from typing import Any, Final
 
 from coverage import CoverageData
 
@@ -123,20 +126,14 @@ class Tests:
 
     def __init__(self, folder: Path, paths: Sequence[str]) -> None:
         """Run them once."""
-        options = [
-            "--cov=ergoqp",
-            "--cov-context=test",
-            "--cov-report=",
-            "--durations=0",
-            "--durations-min=0",
-        ]
-        found = [str(path) for pattern in paths for path in sorted(folder.glob(pattern))]
-        done = _pytest(folder, [*found, *options, "-n", str(WORKERS)], timeout=3600)
-        if done.returncode:
-            raise RuntimeError(f"the tests fail without a mistake:\n{done.stdout[-3000:]}")
+        printed = folder.parent / "tests.txt"
+        if not printed.exists():
+            printed.write_text(self._run(folder, paths), encoding="utf-8")
         self._seconds: dict[str, float] = {}
         for seconds, test in re.findall(
-            r"^\s*([\d.]+)s (?:setup|call|teardown)\s+(\S.*)$", done.stdout, re.MULTILINE
+            r"^\s*([\d.]+)s (?:setup|call|teardown)\s+(\S.*)$",
+            printed.read_text(encoding="utf-8"),
+            re.MULTILINE,
         ):
             self._seconds[test.strip()] = self._seconds.get(test.strip(), 0.0) + float(seconds)
         data = CoverageData(str(folder / ".coverage"))
@@ -148,6 +145,21 @@ class Tests:
             }
             for file in data.measured_files()
         }
+
+    @staticmethod
+    def _run(folder: Path, paths: Sequence[str]) -> str:
+        options = [
+            "--cov=ergoqp",
+            "--cov-context=test",
+            "--cov-report=",
+            "--durations=0",
+            "--durations-min=0",
+        ]
+        found = [str(path) for pattern in paths for path in sorted(folder.glob(pattern))]
+        done = _pytest(folder, [*found, *options, "-n", str(WORKERS)], timeout=3600)
+        if done.returncode:
+            raise RuntimeError(f"the tests fail without a mistake:\n{done.stdout[-3000:]}")
+        return done.stdout
 
     def of(self, mutant: Mutant, pinned: bool = True) -> tuple[list[str], bool]:
         """Return a mutant's tests, what may notice soonest first, and whether any runs its line.
@@ -266,6 +278,45 @@ def _copy(folder: Path) -> Path:
     return folder
 
 
+class _Kept:
+    """What was found of mutants so far, in a file.
+
+    Args:
+        path: of the file, made at the first verdict.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read what is there."""
+        self._path, self._lock = path, threading.Lock()
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        self._found: dict[str, list[Any] | None] = dict(map(json.loads, lines))
+
+    def of(
+        self, mutant: Mutant, pinned: bool, judge: Callable[[], Verdict | None]
+    ) -> Verdict | None:
+        """Return the verdict on a mutant that is kept, or else what `judge` gives."""
+        key = f"{mutant.line}: {mutant.name}, {pinned}"
+        if key in self._found:
+            kept = self._found[key]
+            return None if kept is None else Verdict(mutant, *kept)
+        verdict = judge()
+        kept = None if verdict is None else [verdict.now, verdict.killed, verdict.covered]
+        with self._lock, self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps([key, kept]) + "\n")
+        return verdict
+
+
+def _place(keep: Path | None, judges: Sequence[str]) -> AbstractContextManager[str]:
+    """Return the folder of the copies: in `keep`, of this commit and tests, or one that goes."""
+    if keep is None:
+        return tempfile.TemporaryDirectory(prefix="ergoqp-mutants-")
+    command = ["git", "rev-parse", "HEAD"]
+    commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    place = keep.resolve() / f"{commit.strip()[:12]}-{len(judges)}"
+    place.mkdir(parents=True, exist_ok=True)
+    return nullcontext(str(place))
+
+
 def _since(commit: str, paths: Sequence[str]) -> Callable[[Mutant], bool]:
     """Return whether a mutant stands on a line that came after a commit."""
     came: dict[str, set[int]] = {}
@@ -283,7 +334,7 @@ def _since(commit: str, paths: Sequence[str]) -> Callable[[Mutant], bool]:
     return lambda mutant: mutant.line in came[mutant.path]
 
 
-def measure(report: Report, since: str | None = None) -> None:
+def measure(report: Report, since: str | None = None, keep: Path | None = None) -> None:
     """Try the mutants in copies of the project, two at a time."""
     patterns = MUTATED if since else report.pick(MUTATED[-2:], MUTATED)
     paths = sorted(
@@ -304,21 +355,19 @@ def measure(report: Report, since: str | None = None) -> None:
         Path(__file__).with_name("mutants_alive.toml").read_text(encoding="utf-8")
     )["alive"]
     verdicts: list[Verdict] = []
-    with (
-        tempfile.TemporaryDirectory(prefix="ergoqp-mutants-") as place,
-        ThreadPoolExecutor(WORKERS) as pool,
-    ):
+    judges = TESTS if since else report.pick(("tests/sheets",), TESTS)
+    with _place(keep, judges) as place, ThreadPoolExecutor(WORKERS) as pool:
         folders: SimpleQueue[Path] = SimpleQueue()
         for number in range(WORKERS):
             folders.put(_copy(Path(place) / str(number)))
-        judges = TESTS if since else report.pick(("tests/sheets",), TESTS)
         tests = Tests(_copy(Path(place) / "clean"), judges)
         report.say(f"{len(sample)} mistakes are possible; {wanted} are tried")
+        kept = _Kept(Path(place) / "verdicts.jsonl")
 
         def one(mutant: Mutant, pinned: bool = True) -> Verdict | None:
             folder = folders.get()
             try:
-                return judged(folder, mutant, tests, pinned)
+                return kept.of(mutant, pinned, lambda: judged(folder, mutant, tests, pinned))
             finally:
                 folders.put(folder)
 
@@ -362,5 +411,6 @@ def measure(report: Report, since: str | None = None) -> None:
 if __name__ == "__main__":
     own = argparse.ArgumentParser(add_help=False)
     own.add_argument("--since", metavar="COMMIT")
+    own.add_argument("--keep", type=Path, metavar="FOLDER")
     options, others = own.parse_known_args()
-    run(partial(measure, since=options.since), __doc__ or "", others)
+    run(partial(measure, since=options.since, keep=options.keep), __doc__ or "", others)
