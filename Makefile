@@ -1,6 +1,7 @@
 # The whole project on a machine with Python 3.11 or newer and make:
 #   make demo    the main job, on a recording that the project makes itself; prints where report.html is
-#   make test    everything installed, all tests
+#   make test    everything installed, the tests of less than about a second each
+#   make test-all all tests
 #   make check   style, formatting, types, which part imports which
 #   make docs    the site, from docs/ into out/site/; warnings are errors
 #   make bench   the benchmarks' quick samples
@@ -10,7 +11,7 @@ VENV ?= .venv
 OUT ?= out/demo
 BIN = $(VENV)/bin
 
-.PHONY: demo test check docs bench mutants clean
+.PHONY: demo test test-all check docs bench mutants clean
 
 demo: $(VENV)/.runs
 	@mkdir -p $(OUT)
@@ -20,6 +21,9 @@ demo: $(VENV)/.runs
 	@echo "The report is in $(abspath $(OUT))/report.html"
 
 test: $(VENV)/.tests
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+test-all: $(VENV)/.tests
 	$(BIN)/python -m pytest -n 2
 
 check: $(VENV)/.tests

@@ -48,6 +48,7 @@ def test_a_package_imports_from_itself(tmp_path: Path) -> None:
     assert house.imports(files)["ergoqp.limits"] == {"ergoqp.limits.own"}
 
 
+@pytest.mark.slow
 def test_the_package_has_no_circle_climb_or_long_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert house.check() == 0
     assert capsys.readouterr().out == "no circle, no climb, no long line\n"

@@ -73,6 +73,7 @@ def test_help_is_quick():
 
 
 class TestRun:
+    @pytest.mark.slow
     def test_at_an_awkward_place(self, ergoqp, tmp_path):
         outcome = ergoqp("run", "screwing", "--duration", "3", "--seed", "1")
         assert outcome.status == 0, outcome.err
@@ -95,6 +96,7 @@ class TestRun:
             "report ...",
         ]
 
+    @pytest.mark.slow
     def test_from_the_worst_frame(self, ergoqp, demo, tmp_path):
         outcome = ergoqp(
             "run", "screwing", "--from", demo, "--duration", "2", "--out", tmp_path / "here"
@@ -111,6 +113,7 @@ class TestRun:
         assert summary["person"]["stature_m"] == pytest.approx(1.72, abs=0.01)
         assert "The unit of length is taken as 0.01 m" in outcome.out
 
+    @pytest.mark.slow
     def test_at_a_time(self, ergoqp, demo, tmp_path):
         outcome = ergoqp(
             "run",
@@ -129,6 +132,7 @@ class TestRun:
         assert summary["start_time_s"] == pytest.approx(0.2)
         assert "starts at frame, 6 of 0 to 180" in outcome.out
 
+    @pytest.mark.slow
     def test_what_the_recording_does_not_tell_is_seen_or_not(self, ergoqp, demo, tmp_path):
         text = Path(demo).read_text(encoding="utf-8").replace("nose", "extra")
         (tmp_path / "few.bvh").write_text(text, encoding="utf-8")
@@ -140,6 +144,7 @@ class TestRun:
             assert list(summary["unobserved"]) == unobserved
         assert "--as-seen: got it" in mistake(ergoqp("run", "screwing", "--as-seen"))
 
+    @pytest.mark.slow
     def test_problem_from_a_file(self, ergoqp, tmp_path):
         (tmp_path / "mine.toml").write_text(
             'title = "my own task"\n[response.ik]\nstance = "seated"\nhands = ["right"]\n'
@@ -155,6 +160,7 @@ class TestRun:
         assert summary["title"] == "my own task"
         assert summary["person"]["stature_m"] == pytest.approx(1.6)
 
+    @pytest.mark.slow
     def test_same_seed_same_start(self, ergoqp, tmp_path):
         starts = []
         for folder in ("a", "b"):
@@ -166,6 +172,7 @@ class TestRun:
                 starts.append(arrays["postures"])
         np.testing.assert_array_equal(*starts)
 
+    @pytest.mark.slow
     def test_without_the_report_extra(self, ergoqp, tmp_path, monkeypatch):
         page = tmp_path / "ergoqp-out" / "desk" / "report.html"
         page.parent.mkdir(parents=True)
@@ -266,6 +273,7 @@ class TestScore:
         assert "coupling +1" in outcome.out
         assert "scores.csv   " in outcome.out
 
+    @pytest.mark.slow
     def test_options_change_the_score(self, ergoqp, demo, tmp_path):
         means = []
         for name, options in {
@@ -380,6 +388,7 @@ class TestFaults:
         assert ergoqp("run", "screwing").status == 130
 
 
+@pytest.mark.slow
 def test_as_a_process(tmp_path):
     """The installed command and ``python -m ergoqp`` give the status and the streams to the
     shell."""
@@ -400,6 +409,7 @@ def test_as_a_process(tmp_path):
         assert done.stderr.startswith("ergoqp: problem: got 'nonsense'")
 
 
+@pytest.mark.slow
 def test_output_without_unicode(tmp_path):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     command = [
@@ -419,6 +429,7 @@ def test_output_without_unicode(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_bar_on_a_terminal(ergoqp, monkeypatch):
     """On a terminal the work is shown by a bar that goes away."""
 

@@ -7,6 +7,7 @@ import pytest
 from command_line import mistake
 
 
+@pytest.mark.slow
 def test_compare_prints_the_tables_and_writes_the_files(ergoqp, tmp_path):
     outcome = ergoqp("compare", "dentist", "--solvers", "daqp,qrqp", "--steps", 25, "--seed", 3)
     assert outcome.status == 0, outcome.err

@@ -7,6 +7,7 @@ import pytest
 from command_line import mistake
 
 
+@pytest.mark.slow
 def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (tmp_path / "out").mkdir()
@@ -37,6 +38,7 @@ def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_a_population_has_a_row_each(ergoqp, tmp_path):
     done = ergoqp(
         "population", "desk", "--statures", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out"

@@ -19,6 +19,7 @@ def optimum(tmp_path_factory):
     return found, folder
 
 
+@pytest.mark.slow
 def test_a_run_is_told_the_place(ergoqp, tmp_path, optimum):
     found, folder = optimum
     outcome = ergoqp(
@@ -39,6 +40,7 @@ def test_a_run_is_told_the_place(ergoqp, tmp_path, optimum):
     assert "The guide is the place" in " ".join(outcome.out.split())
 
 
+@pytest.mark.slow
 def test_the_best_place_is_looked_for(ergoqp, tmp_path):
     outcome = ergoqp("run", "desk", "--duration", "0.5", "--guide", "best", "--out", tmp_path)
     assert outcome.status == 0, outcome.err
@@ -61,6 +63,7 @@ def test_mistakes(ergoqp, tmp_path, optimum):
     assert not (tmp_path / "ergoqp-out").exists()
 
 
+@pytest.mark.slow
 def test_places_are_tried(ergoqp, tmp_path):
     outcome = ergoqp("run", "desk", "--seek", "--duration", "12", "--out", tmp_path)
     assert outcome.status == 0, outcome.err

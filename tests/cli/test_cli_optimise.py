@@ -8,6 +8,7 @@ from command_line import mistake
 from ergoqp.placing.optimum import Optimum
 
 
+@pytest.mark.slow
 def test_table_and_file(ergoqp, tmp_path):
     outcome = ergoqp("optimise", "dentist", "--starts", 3, "--seed", 2, "--out", "results")
     assert outcome.status == 0, outcome.err
@@ -28,6 +29,7 @@ def test_table_and_file(ergoqp, tmp_path):
     assert len(values["trials"]) == 3
 
 
+@pytest.mark.slow
 def test_goes_on_from_what_is_there(ergoqp, tmp_path):
     ergoqp("optimise", "dentist", "--starts", 2, "--mode", "cooperative", "--out", "results")
     lines = (tmp_path / "results" / "optimum_starts.jsonl").read_text(encoding="utf-8")
@@ -40,6 +42,7 @@ def test_goes_on_from_what_is_there(ergoqp, tmp_path):
     assert len(again.splitlines()) == 3
 
 
+@pytest.mark.slow
 def test_from_a_recording(ergoqp, demo, tmp_path):
     outcome = ergoqp(
         "optimise", "screwing", "--from", demo, "--at", 1.0, "--starts", 1, "--out", "results"

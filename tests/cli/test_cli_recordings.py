@@ -54,6 +54,7 @@ class TestBrokenRecordings:
         assert "folder" in mistake(ergoqp(*command, tmp_path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["cmu_131_01_walk_max", "cmu_62_04_screwing_keyframes", "toolbox_freebvh", "xsens_motionbox"],
@@ -63,6 +64,7 @@ def test_score_shared_recordings(ergoqp, shared, name):
     assert outcome.status == 0, outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cmu_62_04_screwing_keyframes", "xsens_motionbox"])
 def test_run_from_shared_recordings(ergoqp, shared, name):
     outcome = ergoqp(

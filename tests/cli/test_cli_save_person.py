@@ -36,6 +36,7 @@ def takes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_take_tells_the_person_and_the_next_one_needs_it(ergoqp, takes, tmp_path):
     assert "the pelvis cannot be placed" in mistake(ergoqp("score", takes / "lacking.c3d"))
     outcome = ergoqp("score", takes / "whole.c3d", "--save-person", "me.toml")
@@ -47,6 +48,7 @@ def test_a_take_tells_the_person_and_the_next_one_needs_it(ergoqp, takes, tmp_pa
     assert "left asis" in " ".join(outcome.out.split())
 
 
+@pytest.mark.slow
 def test_a_problem_of_that_person(ergoqp, takes, tmp_path):
     assert ergoqp("score", takes / "whole.c3d", "--save-person", "me.toml").status == 0
     (tmp_path / "mine.toml").write_text('[response.ik]\nperson = "me.toml"\n', encoding="utf-8")
@@ -107,6 +109,7 @@ def test_joint_angles_measure_nobody(ergoqp, tmp_path):
     assert "--save-person: got joint angles, which measure nobody, allowed" in sentence
 
 
+@pytest.mark.slow
 def test_who_is_stated_is_not_measured_by_joints(ergoqp, demo, takes, tmp_path):
     sentence = refusal(ergoqp, tmp_path, demo, "--person", "1.72")
     assert "got a person who is stated (--person) and a recording without markers" in sentence
@@ -117,6 +120,7 @@ def test_who_is_stated_is_not_measured_by_joints(ergoqp, demo, takes, tmp_path):
     assert first in outcome.out
 
 
+@pytest.mark.slow
 def test_markers_that_do_not_stay_are_left_out(ergoqp, takes, tmp_path):
     assert ergoqp("score", takes / "fallen.c3d", "--save-person", "me.toml").status == 0
     first, second = (tmp_path / "me.toml").read_text().splitlines()[:2]
@@ -141,6 +145,7 @@ def test_where_nothing_can_be_written(ergoqp, demo, path):
     assert "allowed the path of a file" in sentence
 
 
+@pytest.mark.slow
 def test_the_person_that_is_given_may_be_written_anew(ergoqp, takes, tmp_path):
     assert ergoqp("score", takes / "whole.c3d", "--save-person", "me.toml").status == 0
     before = person_with_markers(tmp_path / "me.toml")[1]

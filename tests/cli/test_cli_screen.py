@@ -8,6 +8,7 @@ from command_line import mistake
 from ergoqp.cli.commands import screen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [60, 80])
 def test_tables_are_as_wide_as_columns_says(ergoqp, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
@@ -17,6 +18,7 @@ def test_tables_are_as_wide_as_columns_says(ergoqp, monkeypatch, columns):
     assert "still costs points" in outcome.out
 
 
+@pytest.mark.slow
 def test_without_columns_a_pipe_gets_wide_tables(ergoqp, monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
     outcome = ergoqp("run", "desk", "--duration", "0.5")

@@ -32,6 +32,7 @@ def small() -> Comparison:
     )
 
 
+@pytest.mark.slow
 def test_the_exact_solver_is_exact_and_the_figures_say_so() -> None:
     found = small()
     assert list(found.figures) == ["daqp", "qrqp", "highs"]
@@ -48,6 +49,7 @@ def test_the_exact_solver_is_exact_and_the_figures_say_so() -> None:
     assert "warm_ratio" not in found.figures["highs"]
 
 
+@pytest.mark.slow
 def test_figures_count_what_was_said_against_what_is_so() -> None:
     sequence = small().sequences[0].thinned(10)
     trial = try_solver("daqp", sequence, False, 1e-6)
@@ -103,6 +105,7 @@ def test_every_key_and_figure_is_documented() -> None:
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_qpbenchmark_and_qpsolvers_solve_what_is_saved(tmp_path: Path) -> None:
     pytest.importorskip("qpbenchmark", reason="qpbenchmark is absent")

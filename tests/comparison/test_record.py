@@ -37,6 +37,7 @@ def feasible(qp: Qp) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "steps"), [("screwing", 60), ("low_bin", 150), ("forearm", 40)])
 def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, steps: int) -> None:
     parts = recorded(name, steps)
@@ -59,6 +60,7 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
     assert any(part.sequence.name.endswith(".relaxed") for part in parts) == (name == "low_bin")
 
 
+@pytest.mark.slow
 def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
     """Of a loop of its own, step by step: the first QPs' answers lead where the stepper goes. Sent
     is the mean of the plan."""
@@ -85,6 +87,7 @@ def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
             np.testing.assert_allclose(x, twist, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_recording_is_repeatable_and_goes_on_with_another_person() -> None:
     one, same = record(load_problem("dentist"), 30), record(load_problem("dentist"), 30)
     assert [part.sequence.name for part in one] == [part.sequence.name for part in same]

@@ -61,6 +61,7 @@ class OtherBox(WorkspaceBox):
     names = tuple(f"other workspace {axis}" for axis in "xyz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dentist", "desk", "low_bin", "overhead", "screwing"])
 def test_limits_that_contradict_each_other_are_named_and_nothing_runs_away(name: str) -> None:
     problem = problem_of(name)

@@ -105,6 +105,7 @@ def test_predicts_unseen_postures(costs, unseen):
     assert errors["per_score"] < errors["joint"]
 
 
+@pytest.mark.slow
 def test_the_mixture_per_score_can_be_descended(costs, unseen):
     """What the joint mixture cannot do: its gradient leads down to the lowest scores."""
     ends = {}

@@ -191,6 +191,7 @@ def test_numbers_that_are_missing_give_none(stairs):
     assert np.isfinite(cost(states)).tolist() == [True, False, True]
 
 
+@pytest.mark.slow
 def test_a_stream_of_postures_teaches_the_sheet():
     told = []
     cost = Neural.fit_sheet(
@@ -205,6 +206,7 @@ def test_a_stream_of_postures_teaches_the_sheet():
     assert quality.within1 > 0.85
 
 
+@pytest.mark.slow
 def test_noise_in_the_stream_teaches_the_expected_score():
     joints, noise = ("trunk_flexion", "trunk_twist"), {"taus_deg": (10.0,), "weights": (1.0,)}
     options = {"scores": (1, 2, 3), "hidden": (16,), "batch": 256, "seated": True}

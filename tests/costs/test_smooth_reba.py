@@ -103,6 +103,7 @@ def test_options_shift_the_cost():
         assert np.abs(SmoothReba(**options)(postures) - plain).max() > 0.05
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6), index=st.integers(0, len(EVERY_OPTION) - 1))
 @settings(max_examples=15, deadline=None)
 def test_stays_between_the_lowest_and_the_highest_score(seed, index):

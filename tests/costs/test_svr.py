@@ -87,6 +87,7 @@ def test_is_a_cost_of_postures(cost):
     assert np.isnan(cost(np.full((1, 32), np.nan))[0])
 
 
+@pytest.mark.slow
 def test_steps_are_chosen_for_the_sheet_and_predict_it_better(data):
     unseen = sheet_data(50, 5)
     automatic = Svr.fit(data)

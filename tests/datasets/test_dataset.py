@@ -40,6 +40,7 @@ def test_same_seed_same_postures():
     assert (one != third).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("score", [5, 7, 9])
 def test_has_the_law_of_rejection(score):
     rng = np.random.default_rng(3)

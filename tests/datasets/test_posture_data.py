@@ -108,6 +108,7 @@ def rejected(count, seed):
     return np.radians(np.stack(columns, axis=1))
 
 
+@pytest.mark.slow
 def test_interval_labels_agree_with_a_plain_reading():
     drawn = rejected(1500, 0)
     balanced = posture_data(100, "interval", cache=False)

@@ -78,6 +78,7 @@ def c_call(call):
     return call["posture"], given
 
 
+@pytest.mark.slow
 def test_the_exported_step_gives_what_python_gives(exported):
     problem, folder, library = exported
     stepper, other = Stepper(problem), load_wrapper(folder).Stepper(str(library))
@@ -282,6 +283,7 @@ def test_the_wrapper_reserves_enough_memory(exported, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_no_memory_is_allocated(exported, tmp_path):
     _, folder, _ = exported
     (tmp_path / "counted.c").write_text(COUNTED)
@@ -314,6 +316,7 @@ def test_the_header_is_for_cplusplus_too(exported, tmp_path):
     assert subprocess.run(["./main"], cwd=tmp_path, check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake")
 def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
     folder = tmp_path / "step"

@@ -14,12 +14,14 @@ from ergoqp.problem_files.load import load_problem
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 
 
+@pytest.mark.slow
 def test_hostile_calls_find_nothing() -> None:
     found = fuzz_c.fuzz(load_problem("forearm"), 4, "random")
     assert not found.breach, found.breach[-3000:]
     assert found.calls > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

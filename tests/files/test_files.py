@@ -160,6 +160,7 @@ def test_a_ledger_takes_over_nothing_that_is_no_trial(tmp_path: Path) -> None:
     assert list(Ledger(tmp_path, "k").trials) == [1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 70])
 def test_a_short_run_of_the_benchmark_finds_nothing_wrong(
     tmp_path: Path, first: int, monkeypatch: pytest.MonkeyPatch

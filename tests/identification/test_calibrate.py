@@ -95,6 +95,7 @@ def test_a_start_of_the_search_is_a_frame_along_the_tool(problem: Problem) -> No
     assert np.linalg.det(turn) == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_a_wild_rest_is_left_out(problem: Problem) -> None:
     given = rests(problem)
     posture, pose = given[3]
@@ -121,6 +122,7 @@ def test_rests_that_are_too_similar_are_said_to_be(problem: Problem) -> None:
     assert np.linalg.norm((found.contact_pose(given[1][1]) - contact)[:3, 3]) < 0.01
 
 
+@pytest.mark.slow
 def test_the_log_of_a_stepper_is_read_as_the_robot_reported(problem: Problem) -> None:
     log: list[dict[str, object]] = []
     stepper = ergoqp.Stepper(problem, log=log.append)

@@ -49,6 +49,7 @@ def off_deg(person: Identified, unseen: Any) -> float:
     return float(np.median(np.degrees(np.sqrt(np.mean(np.array(parts) ** 2, axis=1)))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "name", "most"),
     [("alike", "screwing", 2.0), ("alike", "desk", 2.0), ("follower", "dentist", 5.0)],
@@ -64,6 +65,7 @@ def test_rests_at_unseen_places_are_predicted(kind: str, name: str, most: float)
     assert person.rests == 10
 
 
+@pytest.mark.slow
 def test_what_no_traits_explain_is_expected_elsewhere_too() -> None:
     gained = []
     for kind, name in (("follower", "dentist"), ("follower", "screwing"), ("alike", "desk")):
@@ -81,6 +83,7 @@ def test_what_no_traits_explain_is_expected_elsewhere_too() -> None:
     assert gained[2] == 0.0
 
 
+@pytest.mark.slow
 def test_half_of_what_is_read_too_much_everywhere_is_taken_for_a_habit() -> None:
     problem, rests, _ = rests_of_kind("alike", "desk", 1)
     elbow = identified("alike", "desk", 1).joints[3]
@@ -104,6 +107,7 @@ def test_a_joint_that_was_not_seen_is_as_unsure_as_can_be() -> None:
     assert np.delete(at, 4).max() < 0.9 * person.beyond.width
 
 
+@pytest.mark.slow
 def test_the_person_is_a_response_and_a_body() -> None:
     problem, rests, _ = rests_of_kind("alike", "screwing", 1)
     person = identified("alike", "screwing", 1)
@@ -164,6 +168,7 @@ def test_places_are_promised_by_what_is_gained() -> None:
     assert int(problem.assess(holding.posture).final[0]) <= min(start, 3)
 
 
+@pytest.mark.slow
 def test_where_more_is_unsure_more_may_be_gained() -> None:
     person, promising = (
         identified("follower", "dentist", 1),

@@ -34,6 +34,7 @@ def reached(name: str, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     return found[:count]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_it_rests_where_a_person_settles(name: str) -> None:
     model = model_of(name)

@@ -100,6 +100,7 @@ def test_every_stay_is_one_rest_the_last() -> None:
         rests_in(led(0.1))
 
 
+@pytest.mark.slow
 def test_a_run_its_folder_and_a_log_say_who_stands_there(tmp_path: Path) -> None:
     problem, log, run, late = logged()
     run.save(tmp_path)
@@ -115,6 +116,7 @@ def test_a_run_its_folder_and_a_log_say_who_stands_there(tmp_path: Path) -> None
     assert ergoqp.identify(problem, [pair]).delay is None
 
 
+@pytest.mark.slow
 def test_what_a_log_did_not_see_is_not_seen() -> None:
     problem, log, _, _ = logged()
     entries = [dict(entry) for entry in log[:40]]

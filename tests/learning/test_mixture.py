@@ -58,6 +58,7 @@ def test_equals_the_textbook(inputs, outputs):
         np.testing.assert_allclose(log_density[i], np.log(density), rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_samples():
     """The output's own covariance enters eq. 2.6, not the cross term that the report prints:
     samples decide."""

@@ -94,6 +94,7 @@ def bold(problem: Problem) -> Problem:
     return problem.replace(control=replace(problem.control, rest_below=0.0, stall_after=1e6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["ball", "box", "half_space"])
 @pytest.mark.parametrize("late", [False, True])
 def test_no_loop_leads_into_a_region(shape: str, late: bool) -> None:
@@ -164,6 +165,7 @@ def half_way() -> np.ndarray:
     return np.array(problem.response.contact()(comfort)[0])[:3, 3] + GOAL / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.015, 0.04, 0.1])
 @pytest.mark.parametrize(("given", "average"), [({}, None), ({}, 0.0), (LATE, None), (NOISY, None)])
 def test_a_journey_past_a_ball_slides_along_it(
@@ -179,6 +181,7 @@ def test_a_journey_past_a_ball_slides_along_it(
     assert min(journey(ball, given, average, kept=False)) < -0.5 * radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["wall", "post", "ball"])
 @pytest.mark.parametrize("noise", [0.002, 0.01])
 def test_noise_as_large_as_the_region_turns_nothing_round(shape: str, noise: float) -> None:
@@ -238,6 +241,7 @@ def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
     assert min(depths[inside[-1] + 1 :]) >= 0
 
 
+@pytest.mark.slow
 def test_the_best_place_is_out_of_the_region() -> None:
     problem = problem_of("screwing")
     free = ergoqp.optimise(problem, starts=3, seed=0)
@@ -249,6 +253,7 @@ def test_the_best_place_is_out_of_the_region() -> None:
         Stepper(limited, guide=free.pose)
 
 
+@pytest.mark.slow
 def test_a_region_that_leaves_no_place_is_named() -> None:
     problem = problem_of("screwing")
     # All but a far part of the workspace, which only the tallest might reach.

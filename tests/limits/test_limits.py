@@ -93,6 +93,7 @@ def axes_on_the_way(pose: np.ndarray, turn: np.ndarray, count: int) -> np.ndarra
     return a * np.cos(phi) + np.cross(u, a) * np.sin(phi) + u * (u @ a) * (1 - np.cos(phi))
 
 
+@pytest.mark.slow
 @given(st.sampled_from(CONES), st.integers(0, 2**32 - 1), st.floats(0, 5))
 @settings(deadline=None, max_examples=300)
 def test_cone_margin_is_the_least_on_the_way(cone: AxisCone, seed: int, length: float) -> None:
@@ -200,6 +201,7 @@ def test_distances_that_cannot_be_counted_on_are_not_there() -> None:
             np.testing.assert_allclose(found[4], margins - lost[1], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("largest", [0.01, 0.03, 0.08])
 @pytest.mark.parametrize("cone", CONES, ids=lambda cone: f"{cone.half_angle_deg} deg")
 def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(

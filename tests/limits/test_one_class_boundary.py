@@ -68,6 +68,7 @@ def test_the_bound_holds_for_every_displacement(case, seed, size):
     assert case.model.margin(start + step)[0] >= bound - 1e-9 * (1 + abs(bound))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [OneClassBoundary, FirstOrder])
 def test_only_the_whole_row_stays_inside(case, kind):
     names = case.model.coordinates.names
@@ -89,6 +90,7 @@ def test_only_the_whole_row_stays_inside(case, kind):
     assert least > 0 if kind is OneClassBoundary else least < -1e-6
 
 
+@pytest.mark.slow
 def test_it_reaches_the_boundary_and_not_only_its_neighbourhood(case):
     names = case.model.coordinates.names
     problem = outward(
@@ -103,6 +105,7 @@ def test_it_reaches_the_boundary_and_not_only_its_neighbourhood(case):
     assert not any(run.violations.values())
 
 
+@pytest.mark.slow
 def test_on_a_bent_way_it_holds_too(arm):
     points, model = arm
     problem = outward(
@@ -157,6 +160,7 @@ def in_data():
     )
 
 
+@pytest.mark.slow
 def test_a_persons_posture_stays_in_the_data():
     """In the full problem the row goes through S: kept as far as braking allows, and announced."""
     plain, problem, model = in_data()
@@ -174,6 +178,7 @@ def test_a_persons_posture_stays_in_the_data():
     assert trace.steps[-1].margins["boundary"] >= min(0.0, trace.steps[0].margins["boundary"])
 
 
+@pytest.mark.slow
 def test_a_persons_posture_outside_the_data_is_named_not_made_worse_and_moves_nothing_by_itself():
     plain, problem, model = in_data()
     # Far from all data, though no joint is near its end; the cost alone would lead further out.

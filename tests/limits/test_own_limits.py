@@ -208,6 +208,7 @@ def test_the_guide_is_not_a_place_behind_the_wall() -> None:
         Stepper(walled(pose[0, 3] + 0.01), guide=pose)
 
 
+@pytest.mark.slow
 def test_the_step_and_the_checker_hold_it() -> None:
     wall = float(held_pose("screwing")[0, 3]) - 0.02
     bold, rng = bold_of("screwing"), np.random.default_rng(1)
@@ -264,6 +265,7 @@ def test_a_limit_of_the_posture_is_checked_by_what_it_measures() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("posture", [False, True], ids=["object", "posture"])
 def test_the_optimum_holds_it(posture: bool) -> None:
     """A wall at 0.399 m, and the optimum stood at 0.349 without a word."""
@@ -286,6 +288,7 @@ def test_the_optimum_holds_it(posture: bool) -> None:
     assert found.kkt_residual < 1e-5
 
 
+@pytest.mark.slow
 def test_maps_and_starts_are_not_behind_the_wall() -> None:
     box = problem_of("low_bin").limit_of(WorkspaceBox)
     problem = walled((box.lower[0] + box.upper[0]) / 2, "low_bin")

@@ -335,6 +335,7 @@ def judge_scenes(seed: int, count: int) -> dict[str, int]:
     return found
 
 
+@pytest.mark.slow
 def test_every_object_with_a_straight_way_out_comes_out() -> None:
     found = judge_scenes(0, 12)
     assert found["led"] >= 8
@@ -349,6 +350,7 @@ def test_outside_of_all_regions_nothing_is_led() -> None:
         assert np.any(np.array(way_of(pose))) == inside
 
 
+@pytest.mark.slow
 def test_step_and_checker_find_the_same_length_of_the_way() -> None:
     """Two codes that share nothing, inside the workspace and outside, for some or all axes."""
     rng, pose, found = np.random.default_rng(5), np.eye(4), []

@@ -36,6 +36,7 @@ def no_compiler(request, monkeypatch):
     native_compiler.compiler.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "low_bin", "forearm"])
 def test_compiled_answers_are_those_of_the_interpreted_step(name):
     problem = ergoqp.load_problem(name)
@@ -66,6 +67,7 @@ def test_compiled_answers_are_those_of_the_interpreted_step(name):
     assert len(statuses) > 2
 
 
+@pytest.mark.slow
 def test_compiled_it_takes_over_and_brakes_alike():
     problem = ergoqp.load_problem("screwing")
     steppers = Stepper(problem), Stepper(problem, compiled=True)
@@ -80,6 +82,7 @@ def test_compiled_it_takes_over_and_brakes_alike():
         )
 
 
+@pytest.mark.slow
 def test_a_second_stepper_finds_the_library_again(monkeypatch):
     problem = ergoqp.load_problem("screwing")
     Stepper(problem, compiled=True)

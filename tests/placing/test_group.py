@@ -48,6 +48,7 @@ def mean(low_bin):
     return best_for_group(low_bin, STATURES, "mean", starts=1, spacing=0.2)
 
 
+@pytest.mark.slow
 def test_the_group_rests_at_its_place_as_told(low_bin, mean):
     """Settled and scored here once more, without the search's code, from comfort."""
     scores = []
@@ -85,6 +86,7 @@ def test_nobody_is_better_off_than_alone(mean):
     assert mean.own_mean <= mean.mean
 
 
+@pytest.mark.slow
 def test_a_fixed_place_is_never_better_than_one_that_can_be_adjusted(low_bin):
     grid = shared_grid(low_bin, read_people(low_bin, STATURES), 0.2)
     fixed = grid.scores[:, grid.reached_by_all].mean(axis=0).min()
@@ -100,12 +102,14 @@ def test_a_fixed_place_is_never_better_than_one_that_can_be_adjusted(low_bin):
     )
 
 
+@pytest.mark.slow
 def test_what_can_be_set_is_never_worse_than_fixed(mean):
     assert list(mean.free) == ["none", *AXES]
     assert mean.free["none"] == (mean.maximum, mean.mean)
     assert all(score <= mean.mean for _, score in mean.free.values())
 
 
+@pytest.mark.slow
 def test_the_grid_is_the_maps_own_in_the_order_of_the_poses(low_bin):
     people = read_people(low_bin, STATURES)
     grid = shared_grid(low_bin, people, 0.25)
@@ -119,6 +123,7 @@ def test_the_grid_is_the_maps_own_in_the_order_of_the_poses(low_bin):
             assert low_bin.assess(posture).final[0] == grid.scores[0, number]
 
 
+@pytest.mark.slow
 def test_two_processes_find_the_same(low_bin):
     desk = load_problem("desk")
     one, two = (
@@ -130,6 +135,7 @@ def test_two_processes_find_the_same(low_bin):
     assert [member.reba for member in one.members] == [member.reba for member in two.members]
 
 
+@pytest.mark.slow
 def test_a_stopped_study_goes_on_from_what_is_kept(low_bin, monkeypatch):
     people = read_people(low_bin, (1.6, 1.8))
     shared_grid(low_bin, people[:1], 0.2)
@@ -187,6 +193,7 @@ def test_a_worse_way_to_a_place_counts(low_bin):
     assert search.resettled_from_comfort(unlucky).scores[0] == 14
 
 
+@pytest.mark.slow
 def test_desk_can_only_rise_and_tilt():
     found = best_for_group(load_problem("desk"), (1.5, 1.9), starts=1)
     assert found.pose[:2, 3] == pytest.approx([0.42, 0.0])
@@ -194,6 +201,7 @@ def test_desk_can_only_rise_and_tilt():
     assert found.seated
 
 
+@pytest.mark.slow
 def test_who_cannot_reach_is_named(low_bin):
     far = with_box(load_problem("overhead"), (0.3, -0.1, 2.05), (0.4, 0.1, 2.1))
     with pytest.raises(InputError, match=r"group: 1\.40 m cannot reach any place of the workspace"):
@@ -212,6 +220,7 @@ def test_who_is_left_out_where_most_can_reach_is_named(low_bin, monkeypatch):
         best_for_group(low_bin, (1.5, 1.6, 1.7))
 
 
+@pytest.mark.slow
 def test_drawn_people_are_of_their_seeds(low_bin):
     people = drawn_people(low_bin, 3, 4)
     assert [person.label.partition(", ")[2] for person in people] == ["seed 4", "seed 5", "seed 6"]
@@ -302,6 +311,7 @@ def test_every_key_array_and_column_is_documented(mean, tmp_path):
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
+@pytest.mark.slow
 def test_one_person_alone_is_the_single_optimum(low_bin):
     """Two methods that share nothing but the person and the sheet find the same score."""
     (member,) = best_for_group(low_bin, (1.75,), "mean", starts=2).members

@@ -69,6 +69,7 @@ REGIONS = [
 ]
 
 
+@pytest.mark.slow
 def test_every_region_is_another_task() -> None:
     keys = [key(without(KeepOut(region))) for region in REGIONS]
     assert len({key(without()), *keys}) == len(REGIONS) + 1
@@ -84,6 +85,7 @@ def test_so_is_every_field_of_a_limit() -> None:
     assert len({key(without(each)) for each in limits}) == len(limits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grown", [Box(CORNER, (0.5, 0.0, 1.3)), Plain(1.3)], ids=["box", "plain"])
 def test_a_region_that_was_edited_is_kept_out_of(grown: object, tmp_path) -> None:
     small = Box(CORNER, (0.3, 0.0, 0.8)) if isinstance(grown, Box) else Plain(0.3)
@@ -96,6 +98,7 @@ def test_a_region_that_was_edited_is_kept_out_of(grown: object, tmp_path) -> Non
     np.testing.assert_array_equal(found.pose, fresh.pose)
 
 
+@pytest.mark.slow
 def test_what_was_taken_over_is_judged_again(tmp_path, monkeypatch) -> None:
     """Whatever the key says: a place that the limits forbid is solved anew."""
     monkeypatch.setattr(placing, "key_of", lambda task: "the same")

@@ -54,6 +54,7 @@ class TestBest:
         np.testing.assert_allclose(settled, best.posture, atol=1e-4)
         assert problem.assess(settled).final[0] == best.reba_after
 
+    @pytest.mark.slow
     def test_as_low_as_brute_force(self):
         problem = ergoqp.load_problem("desk")
         person = sample_person(problem, 5)
@@ -67,6 +68,7 @@ class TestBest:
         assert bound.kkt_residual <= 1e-6
         assert bound.cost_after <= best.cost_after + 1e-3
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", ["dentist", "desk"])
     @pytest.mark.parametrize("solver", ["fatrop", "sqpmethod"])
     def test_other_solvers(self, solver, name):
@@ -112,6 +114,7 @@ class TestLimits:
         assert found.posture[elbow] >= np.radians(100) - 1e-3
         assert found.kkt_residual <= 1e-6
 
+    @pytest.mark.slow
     def test_learned_cost_and_boundary(self):
         problem = ergoqp.load_problem("screwing_learned")
         found = optimise(problem, starts=2)

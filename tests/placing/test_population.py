@@ -90,6 +90,7 @@ def test_only_people_have_statures():
         variant(load_problem("forearm"), stature=1.6)
 
 
+@pytest.mark.slow
 def test_everybody_has_their_own_best_place_and_who_has_none_says_why(screwing):
     box = WorkspaceBox((0.35, -0.1, 2.1), (0.45, 0.1, 2.15))
     high = screwing.replace(

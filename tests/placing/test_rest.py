@@ -84,6 +84,7 @@ def settled_at(person, begin, pose):
     return posture
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_same_as_the_person_who_settles(name):
     problem = ergoqp.load_problem(name)

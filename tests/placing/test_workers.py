@@ -42,6 +42,7 @@ def same(one, other):
     np.testing.assert_array_equal(one.pose, other.pose)
 
 
+@pytest.mark.slow
 def test_same_in_two_processes(problem, alone):
     same(optimise(problem, starts=6, seed=3, jobs=2), alone)
 
@@ -54,6 +55,7 @@ def test_another_seed_begins_elsewhere(problem, alone):
     )
 
 
+@pytest.mark.slow
 def test_same_on_a_cluster(problem, alone):
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(
@@ -104,6 +106,7 @@ ergoqp.optimise(ergoqp.load_problem("dentist"), starts=200, seed=3, out=sys.argv
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on(problem, alone, tmp_path):
     ledger = tmp_path / FILE
     child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path)])
@@ -140,6 +143,7 @@ def test_a_killed_run_goes_on(problem, alone, tmp_path):
     same(nothing, again)
 
 
+@pytest.mark.slow
 def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tmp_path):
     optimise(problem, alone.posture_before, starts=1, out=tmp_path)
     for options in (

@@ -51,6 +51,7 @@ def after_first(action):
     return progress
 
 
+@pytest.mark.slow
 def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr("ergoqp.placing.workers.PATIENCE", 2.0)
     retire = after_first(lambda: cluster.scale(0))
@@ -64,6 +65,7 @@ def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
     assert (tmp_path / FILE).read_text(encoding="utf-8").count("\n") >= 1
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_late_is_waited_for(problem, cluster):
     cluster.scale(0)
     later = threading.Timer(4.0, lambda: cluster.scale(1))
@@ -95,18 +97,21 @@ def missing() -> None:
     raise FileNotFoundError("my_labels.csv is not on this machine")
 
 
+@pytest.mark.slow
 def test_what_a_start_itself_raises_is_not_told_of_the_scheduler(problem, cluster):
     own = dataclasses.replace(problem, cost=Elsewhere(missing))
     with pytest.raises(FileNotFoundError, match=r"my_labels\.csv is not on this machine"):
         optimise(own, starts=2, scheduler=cluster.scheduler_address)
 
 
+@pytest.mark.slow
 def test_a_start_that_takes_long_is_waited_for(problem, cluster, monkeypatch):
     monkeypatch.setattr("ergoqp.placing.workers.PATIENCE", 0.5)
     slow = dataclasses.replace(problem, cost=Elsewhere(functools.partial(time.sleep, 4.0)))
     assert len(optimise(slow, starts=1, scheduler=cluster.scheduler_address).trials) == 1
 
 
+@pytest.mark.slow
 def test_the_scheduler_is_gone(problem, cluster, tmp_path):
     end = after_first(lambda: threading.Thread(target=cluster.close).start())
     with pytest.raises(
@@ -117,6 +122,7 @@ def test_the_scheduler_is_gone(problem, cluster, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_a_process_of_this_machine_is_ended(problem, tmp_path):
     psutil = pytest.importorskip("psutil")
 

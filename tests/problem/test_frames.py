@@ -96,6 +96,7 @@ def test_frames_are_for_problems_with_a_person() -> None:
         ergoqp.load_problem("screwing").replace(frames=np.eye(4))
 
 
+@pytest.mark.slow
 def test_simulated_runs_are_in_the_world() -> None:
     problem = ergoqp.load_problem("screwing")
     plain, framed = (

@@ -134,6 +134,7 @@ def test_controls_that_are_none_are_refused(changed: dict[str, Any], sentence: s
         Control(**changed)
 
 
+@pytest.mark.slow
 def test_control_changes_the_answer() -> None:
     q = comfort_of("screwing") + 0.2 * np.random.default_rng(0).normal(size=32)
     bold, shy = (

@@ -29,6 +29,7 @@ def opened(browser, pages, place_pages):
         context.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (420, "dark")])
 @pytest.mark.parametrize("name", ["run", "score", "optimum", "group"])
 def test_axe_finds_nothing_serious(opened, name, width, scheme):

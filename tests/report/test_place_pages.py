@@ -211,6 +211,7 @@ def test_words():
     assert place_words(pose).replace("\u00a0", " ") == "x 0.00, y −0.25, z 1.00 m"
 
 
+@pytest.mark.slow
 def test_the_map_of_an_optimum_is_of_the_same_hold():
     """Held as in a twisted posture, on soles that stand apart: the map's cell at the best place has
     the optimum's score."""

@@ -167,6 +167,7 @@ def test_mistakes_are_one_sentence() -> None:
 NO: tuple[Any, ...] = ("no", "yes", 2, np.nan, None, np.array([1, 0]), [], object(), False, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("enable", NO, ids=range(len(NO)))
 def test_what_does_not_enable_a_stepper_does_not_enable_it(enable: Any) -> None:
     problem, _, posture = start("alike", "desk", 0)
@@ -301,6 +302,7 @@ def within_limits(problem: Problem, steps: list[Any]) -> bool:
     return all((np.abs(step.twist) <= speed + 1e-9).all() for step in steps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gone", [None, np.full(32, np.nan)], ids=["no frame", "nan"])
 def test_who_leaves_and_comes_back_loses_no_time(gone: Any) -> None:
     problem, holding, _ = start("follower", "desk", 2)
@@ -384,6 +386,7 @@ def test_who_fights_is_bounded_named_and_at_rest() -> None:
     assert not any(step.twist.any() for step in steps[-300:])
 
 
+@pytest.mark.slow
 def test_another_hand_than_the_one_that_is_expected_is_named() -> None:
     problem, holding, _ = start("stubborn", "screwing", 2)
     # Otherwise the wrong arm is taken for a wrong frame.

@@ -116,6 +116,7 @@ def test_the_gradient_stops_at_the_walls_and_goes_on_along_them(way: float) -> N
     assert np.degrees(np.arccos(pose[0, 0])) > 0.7 * cone.half_angle_deg
 
 
+@pytest.mark.slow
 def test_the_gradient_turns_on_along_the_edge_of_the_cone() -> None:
     """Pulled out it comes to the edge; pulled to another side, still outward, it goes around."""
     problem = load_problem("screwing")

@@ -87,6 +87,7 @@ def test_a_robot_as_bad_as_declared_breaks_no_limit_and_is_no_fault(seed: int) -
     assert np.all(went < 0.5 * sent + 1e-12)
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_not_declared_is_named_and_stopped() -> None:
     problem = load_problem("screwing")
     person = sample_person(problem, seed=3)

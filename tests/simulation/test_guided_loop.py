@@ -94,6 +94,7 @@ def test_a_run_tells_its_place() -> None:
     assert summary_of_run(led("optimum"))["guide"]["promise"] == pytest.approx(2.5, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_place_that_is_read_once_is_the_same_guide() -> None:
     problem, person, posture = overhead()
     once = simulate(problem, posture, duration=0.3, person=person, guide=place(0.4, 0.0, 1.7))

@@ -401,6 +401,7 @@ def test_a_unit_is_drawn_again_alike_and_its_start_is_as_bad_as_it_must_be() -> 
     assert still["from_rest_deg"] < 2.0
 
 
+@pytest.mark.slow
 def test_units_say_how_people_follow_and_whether_ways_matter() -> None:
     one = drawn_unit("follower", "desk", 7)
     assert people_unit.follows_of(one) is True

@@ -107,6 +107,7 @@ class Mine(QpSolver):
         return solver_named("qrqp").workspace(n, m, accuracy)
 
 
+@pytest.mark.slow
 def test_a_solver_that_is_given_as_an_object_is_used_logged_and_replayed() -> None:
     problem, log, mine = problem_of("screwing"), [], Mine()
     posture = comfort_of("screwing") + 0.1

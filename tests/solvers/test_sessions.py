@@ -45,6 +45,7 @@ def test_the_recorded_answers_are_certified_by_two_solvers() -> None:
             np.testing.assert_allclose(session.solve(*parts(qp)).x, x, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INSTALLED)
 def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
     tolerance, solved, total = LOOSE.get(name, 1e-6), 0, 0

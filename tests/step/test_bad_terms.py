@@ -447,6 +447,7 @@ class InPython(Pull):
         return self.asked(q), 5 * ca.vertcat(q[:6], ca.MX(26, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cost", [InPython(), AsPlain()], ids=["dense", "plain"])
 @pytest.mark.parametrize("solver", ["daqp", "osqp"])
 def test_a_cost_that_raises_brakes_and_is_named(solver: str, cost: Any) -> None:

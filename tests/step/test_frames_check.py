@@ -64,6 +64,7 @@ ROUND_Z = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 OTHER_TOOL = np.array([[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "mends"),
     [

@@ -5,6 +5,7 @@ import pytest
 from pinned import EVERY, LOOPS, answers, load, stepper_of, told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOPS)
 def test_answers_are_what_they_were(name: str) -> None:
     inputs, kept, reasons = load(name)

@@ -101,6 +101,7 @@ def test_the_answer_is_that_of_an_independent_qp(name: str) -> None:
     assert interior >= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "solver"),
     [
@@ -905,6 +906,7 @@ def test_a_log_replays_with_the_period_of_its_loop() -> None:
         assert one._account.values.tobytes() == other._account.values.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "broken",
     [{}, {"notes": {}}, {"posture": "upright"}, None],

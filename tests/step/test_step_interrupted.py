@@ -127,6 +127,7 @@ def goes_on(stepper: Stepper) -> list[np.ndarray]:
     return [step.account("next_state") for step in steps]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CALLS)
 def test_before_any_line_it_leaves_the_stepper_as_before_or_as_after_the_call(name: str) -> None:
     kind, call = CALLS[name]

@@ -239,6 +239,7 @@ def test_an_object_that_may_be_inside_is_said_to_be(beside: float, said: str) ->
     assert said in stepper.step(q).reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("average", [0.05, 0.2])
 @pytest.mark.parametrize("inside", [1.0, 5.0])
 @pytest.mark.parametrize("shoulder", [-20.0, 40.0])

@@ -217,6 +217,7 @@ def test_what_cannot_have_been_sent_instead_changes_nothing(sent: object) -> Non
     np.testing.assert_array_equal(stepper.state(), before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lag", "hold"), [(0.5, 0.4), (0.2, 0.2)])
 def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, hold: float) -> None:
     """It goes on fading long after the twist that was held on to has left the history: 3.7 mm
@@ -248,6 +249,7 @@ def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, h
     assert furthest > -0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.2, 0.5, 2.0, 5.0])
 @pytest.mark.parametrize("corners", [False, True], ids=["uniform", "as far off as declared"])
 def test_noise_of_the_orientation_that_is_declared_is_no_fault(noise: float, corners: bool) -> None:

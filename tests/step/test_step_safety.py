@@ -76,6 +76,7 @@ calls = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @given(sequence=st.lists(calls, min_size=1, max_size=8))
 @settings(deadline=None, max_examples=25)

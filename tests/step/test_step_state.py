@@ -22,6 +22,7 @@ def walked(stepper: Stepper, count: int, seed: int) -> list[dict[str, Any]]:
     return [call for call, _ in wandering_steps(stepper.problem, stepper, count, seed)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plain", "late", "guided", "points"])
 def test_from_a_state_the_loop_goes_on_as_it_did(kind: str) -> None:
     """Lost frames included: what is left of the last posture is in the state."""

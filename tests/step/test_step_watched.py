@@ -31,6 +31,7 @@ from ergoqp.step.stepper import Stepper
 UNASKED = "robot: moves although nothing was sent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("average", [None, 0.0], ids=["with the mean", "sent as planned"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0], ids=["ideal", "a third of it", "as declared"])
 @pytest.mark.parametrize("name", ["dentist", "screwing"])
@@ -146,6 +147,7 @@ def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_
     assert "robot:" not in loop.step(q).reason
 
 
+@pytest.mark.slow
 def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
     stepper, q = Stepper(problem_of("screwing")), comfort_of("screwing")
     for _ in range(200):

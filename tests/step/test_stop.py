@@ -59,6 +59,7 @@ AVERAGES = [None, 0.0, 0.004, 0.01, 0.1]
 LATE = ergoqp.DeclaredRobot(delay=0.1, lag=0.05, pose_delay=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @pytest.mark.parametrize("declared", [False, True])
 @pytest.mark.parametrize("dt", [0.01, 0.002, 0.1])

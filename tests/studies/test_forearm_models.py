@@ -63,6 +63,7 @@ def test_shipped_files_are_small_and_of_the_forearm(name):
     assert model.coordinates.names == FOREARM
 
 
+@pytest.mark.slow
 def test_shipped_costs_lead_unseen_points_to_true_cost_one():
     folder, length = data_folder("models"), forearm_length()
     boundary = load_one_class(folder / "forearm_boundary.npz")

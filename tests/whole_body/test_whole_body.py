@@ -93,6 +93,7 @@ def test_with_noisy_sensors_the_object_keeps_its_speed_and_the_loop_goes_on(near
     assert np.isfinite(whole.step(posture, trace.arms[-1]).joint_velocities).all()
 
 
+@pytest.mark.slow
 def test_slow_joints_make_a_slower_object_and_are_named(near_the_thigh):
     problem, person, posture = near_the_thigh
     slow = replace(load_robot("panda"), velocity=np.full(7, 0.1), acceleration=np.full(7, 1.0))
@@ -280,6 +281,7 @@ def test_joints_that_the_arm_does_not_use_stay_where_they_are(near_the_thigh):
         assert np.allclose(step.joint_velocities, same.joint_velocities, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_null_space_leads_back_to_the_joints_of_the_start(near_the_thigh):
     problem, _, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture, distance=None)

@@ -28,6 +28,7 @@ def ros1(tmp_path: Path) -> Bag:
     return Bag(tmp_path, "ros1")
 
 
+@pytest.mark.slow
 def test_the_shared_bag_is_its_table(shared: Path) -> None:
     path = shared / "mocap/kinect/azure_kinect_body_tracking_part1.bag"
     shares: list[float] = []

@@ -72,6 +72,7 @@ def test_a_cut_bag(bag: Bag) -> None:
         sentence(path, rf"^{file.name if path.is_file() else path.name}: got a (bag|file) [^()]*$")
 
 
+@pytest.mark.slow
 def test_broken_bytes(bag: Bag) -> None:
     """They may do no harm, or be told; another exception fails the test."""
     path = people(bag)

@@ -102,6 +102,7 @@ def place_of(reader: Reader, folder: Path, content: bytes) -> Path:
     return folder / "take"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 @settings(deadline=2000, max_examples=150, suppress_health_check=SLOW)
 @given(data=st.data())

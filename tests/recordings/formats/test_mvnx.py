@@ -264,6 +264,7 @@ def test_places_that_are_no_file(tmp_path: Path) -> None:
     refused(read_mvnx, tmp_path / ("x" * 5000), "cannot be read")
 
 
+@pytest.mark.slow
 def test_frames_are_let_go_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mvnx_wearer, "_BLOCK", 100)
     monkeypatch.setattr(mvnx, "_CHUNK", 1 << 14)

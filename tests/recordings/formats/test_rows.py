@@ -128,6 +128,7 @@ def test_a_line_without_end_is_not_read_whole(monkeypatch: pytest.MonkeyPatch) -
     assert lines.file.tell() <= (1 << 20) + 6
 
 
+@pytest.mark.slow
 def test_rows_that_are_left_out_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rows, "_BEARABLE", 1_000_000)
     assert sum(map(len, blocks(lines_of("1\n" * 999), ",", 1000))) == 999

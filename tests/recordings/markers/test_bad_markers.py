@@ -41,6 +41,7 @@ def test_undisturbed_markers_are_read_right() -> None:
     assert "not seen" not in said(recording)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 20])
 def test_each_marker_is_lost_for_half_a_second(first: int) -> None:
     # One after the other.
@@ -65,6 +66,7 @@ def test_each_marker_is_lost_for_half_a_second(first: int) -> None:
 CHEST = ("C7", "CLAV", "T10", "STRN", "RBAK")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LASI", "RPSI", "C7", "LBHD"])
 def test_of_what_moves_as_one_it_is_said(name: str) -> None:
     # Nothing but the others of its segment tells it.
@@ -79,6 +81,7 @@ def test_of_what_moves_as_one_it_is_said(name: str) -> None:
 RIGID = ("ASI", "PSI", "FHD", "BHD", "SHO", "ELB", "WRA", "WRB", "KNE", "ANK", "THI")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
 @pytest.mark.parametrize(
     "pair",
@@ -93,6 +96,7 @@ def test_two_of_what_moves_as_one_are_exchanged(pair: str, rows: slice) -> None:
     assert "that move with them and are left out" in said(recording) or pair == "LFHD RBHD"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", ["LPSI RPSI", "LASI RASI"])
 @pytest.mark.parametrize("long", [180, 290])
 def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: int) -> None:
@@ -106,6 +110,7 @@ def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: 
     assert worst(recording) < OFF
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
 @pytest.mark.parametrize("name", ["WRA", "ANK", "KNE", "ELB", "SHO", "THI", "TOE"])
 def test_left_and_right_are_exchanged(name: str, rows: slice) -> None:
@@ -115,6 +120,7 @@ def test_left_and_right_are_exchanged(name: str, rows: slice) -> None:
     assert "left out" in said(recording) or not recording.scored[rows].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
 @pytest.mark.parametrize("limb", ["WRA WRB FIN", "ANK HEE TOE", "KNE THI TIB ANK HEE TOE"])
 def test_whole_limbs_are_exchanged(limb: str, rows: slice) -> None:
@@ -131,6 +137,7 @@ def test_whole_limbs_are_exchanged(limb: str, rows: slice) -> None:
 FALLING = ("LASI", "RPSI", "C7", "STRN", "RFHD", "RSHO", "RELB", "RWRA", "RTHI", "RKNE", "RANK")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*FALLING, "RTOE", "RFIN", "RUPA", "RTIB"])
 @pytest.mark.parametrize("when", [180, 420])
 def test_a_marker_comes_off_and_stays_on_the_floor(name: str, when: int) -> None:
@@ -143,6 +150,7 @@ def test_a_marker_comes_off_and_stays_on_the_floor(name: str, when: int) -> None
         assert "left out" in said(recording)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LASI", "C7", "RSHO", "RELB", "RWRA", "RTHI", "RKNE", "RANK"])
 def test_a_marker_comes_off_soon(name: str) -> None:
     # Most of the time it is not where it belongs.
@@ -151,6 +159,7 @@ def test_a_marker_comes_off_soon(name: str) -> None:
     assert recording.scored.mean() > 0.8
 
 
+@pytest.mark.slow
 def test_residuals_show_which_marker_it_was() -> None:
     residuals = {name: each.residual for name, each in undisturbed().markers.items()}
     assert set(residuals) == set(NAMES)
@@ -160,6 +169,7 @@ def test_residuals_show_which_marker_it_was() -> None:
     assert max(each.residual for name, each in found.items() if name != "RPSI") < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "most", "least"), [(0.001, 4.0, 1.0), (0.003, 8.0, 0.99), (0.01, OFF, 0.85)]
 )
@@ -172,6 +182,7 @@ def test_noise(size: float, most: float, least: float) -> None:
     assert np.median(residuals) == pytest.approx(np.sqrt(3) * size, rel=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "least"), [(0.1, 0.95), (0.6, 0.0)])
 def test_points_are_missing(share: float, least: float) -> None:
     places = PLACES.copy()
@@ -206,6 +217,7 @@ def test_nothing_at_all() -> None:
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["RWRA", "LWRB"])
 def test_a_wrist_is_not_where_one_of_its_markers_is(name: str) -> None:
     # Neither the hand nor the forearm has another marker that could tell the lost one.

@@ -89,6 +89,7 @@ def told(walked, moved: dict[str, np.ndarray], **residuals: float):
     return np.linalg.norm(found["RKNE"] - truth, axis=1), spread["RKNE"]
 
 
+@pytest.mark.slow
 def test_how_far_a_marker_was_from_where_it_sits_is_in_its_deviation(walked):
     off, sure = told(walked, {})
     assert (sure > 0.01).all()
@@ -99,6 +100,7 @@ def test_how_far_a_marker_was_from_where_it_sits_is_in_its_deviation(walked):
     np.testing.assert_array_equal(told(walked, {}, RKNE=0.006)[1], sure)
 
 
+@pytest.mark.slow
 def test_markers_that_are_often_elsewhere_tell_less(walked):
     leg = dict.fromkeys(("RTHI", "RTIB", "RANK", "RHEE", "RTOE"), 0.05)
     assert (told(walked, {}, **leg)[1] > 1.5 * told(walked, {})[1]).all()
@@ -107,6 +109,7 @@ def test_markers_that_are_often_elsewhere_tell_less(walked):
     assert told(walked, aside, **loosely)[0].mean() < 0.5 * told(walked, aside)[0].mean()
 
 
+@pytest.mark.slow
 def test_one_that_is_far_away_does_not_draw(walked):
     for far in ([0.5, 0.0, 0.3], [0.0, -1.5, 0.0]):
         assert told(walked, {"RTIB": np.array(far)})[0].max() < 0.012
@@ -139,6 +142,7 @@ def worst(recording: Recording, postures: np.ndarray) -> float:
     return float(np.degrees(np.maximum(off, raised)[recording.scored].max()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lost", [("RKNE",), ("LELB",), ("RANK",), ("RASI", "LASI"), ("RKNE", "RTHI")]
 )
@@ -154,6 +158,7 @@ def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
     assert not alone.scored[LOST].any()
 
 
+@pytest.mark.slow
 def test_what_is_not_told_stays_lost(walked):
     recording, whole = taken(walked, ("LWRA", "LWRB")), taken(walked, ())
     assert not recording.scored[LOST].all()

@@ -125,6 +125,7 @@ def leaning(far: float) -> np.ndarray:
     return places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far", [0.13, -0.13])
 def test_a_skeleton_that_leans_wears_them_as_well(far: float) -> None:
     # What is straightened takes its markers along: before, those of the arms were off by 3 cm.
@@ -172,6 +173,7 @@ def test_what_is_never_seen_is_where_the_person_file_has_it(
     assert "Never seen and placed as in the person file" in said(recording)
 
 
+@pytest.mark.slow
 def test_a_file_of_a_take_in_which_a_pelvis_marker_is_never_seen(
     tmp_path: Path, calibrated: Path
 ) -> None:
@@ -190,6 +192,7 @@ def test_a_file_of_a_take_in_which_a_pelvis_marker_is_never_seen(
         load_recording(tmp_path / "take.c3d", person=tmp_path / "lengths.toml", up="z")
 
 
+@pytest.mark.slow
 def test_a_take_is_worse_without_the_shapes_of_a_person_file(calibrated: Path) -> None:
     # Three of the pelvis are seen at any time, and never all four: no take tells their shape.
     places = PLACES.copy()

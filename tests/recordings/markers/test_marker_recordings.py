@@ -50,6 +50,7 @@ def test_a_vertical_axis_that_is_not_stated(up: str) -> None:
     assert f"taken as {up}" in said(recording)
 
 
+@pytest.mark.slow
 def test_a_c3d_file(tmp_path: Path) -> None:
     path = tmp_path / "take.c3d"
     places = PLACES.copy()
@@ -134,6 +135,7 @@ def taken(**given: object) -> JointMotion:
     return replace(motion, **{"unit": 0.001, "up": "z", **given})  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_widths_that_vicon_measured_are_used() -> None:
     recording = recording_of(taken(), "take.c3d", Reading())
     assert "57 mm at the knee, 43 at the ankle, 44 at the elbow" in said(recording)

@@ -207,6 +207,7 @@ def test_time_passes_as_told(dt: float, soon: None) -> None:
     np.testing.assert_allclose(who.pose[:3, 3], pose[:3, 3], atol=0.006)
 
 
+@pytest.mark.slow
 def test_carrying_ends_where_the_object_is_reached_last(soon: None) -> None:
     person = drawn("screwing", seed=1)
     who = person.hold(person.comfort)

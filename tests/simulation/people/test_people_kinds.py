@@ -516,6 +516,7 @@ def test_a_kind_that_there_is_not() -> None:
         simulate(load_problem("screwing"), np.zeros(32), 0.1, follower="giant")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SOFT)
 def test_a_run_says_who_followed(kind: str) -> None:
     problem, person = load_problem("screwing"), soft(kind)
