@@ -3,7 +3,8 @@
 Every pair and triple of what can be declared is declared, with true values at zero, in the middle
 and at the ends. A posture whose first entries are the direction drives the object, so that it turns
 about one axis after another for half a minute and never stands still: errors that are present turn
-with the object, and turns do not commute.
+with the object, and turns do not commute. Half of the objects turn within a cone, at times and
+speeds that are drawn.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.joints import JOINTS
-from ergoqp.limits import TwistLimit, WorkspaceBox
+from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
@@ -28,13 +29,13 @@ from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.stepper import Stepper
 
 TURN: Final = 1.0
-"""Every so often the object turns about another axis [s]."""
+"""Every so often the object turns about another axis [s]; in a cone so often on average."""
 
 NAMED_WITHIN: Final = 3.0
 """How soon a robot that is a little beyond what is declared is to be named [s]."""
 
 DECLARED: Final = {
-    "gain_error": (0.02, 0.05, 0.1, 0.2),
+    "gain_error": (0.02, 0.05, 0.1, 0.2, 0.5),
     "noise": (0.2, 0.5, 1.0, 2.0),
     "delay": (0.01, 0.03, 0.06),
     "lag": (0.02, 0.05, 0.1, 0.2),
@@ -97,6 +98,7 @@ class Directly:
 
 
 FAR: Final = WorkspaceBox((-50, -50, -50), (50, 50, 50))
+CONE: Final = AxisCone((1.0, 0.0, 0.0), 35.0)
 
 
 def driven_problem(robot: DeclaredRobot, walls: Sequence[Any] = (FAR,)) -> Problem:
@@ -166,12 +168,13 @@ def turn_about(
     mover = (Cornered if rng.random() < 1 / 3 else SimulatedRobot)(kind, np.eye(4), rng)
     reports, named, q, time = rng.random() < 0.5, [], np.zeros(len(JOINTS)), 0.0
     late, hold = float(rng.uniform(0.3, 0.9)) * seconds, problem.robot.longest_hold
-    steps = round(seconds / dt)
+    steps, between, in_cone = round(seconds / dt), round(TURN / dt), CONE in problem.limits
     stepper.reset()
     for number in range(steps):
-        if number % round(TURN / dt) == 0:
+        if number == 0 or (rng.random() < 1 / between if in_cone else number % between == 0):
             way = rng.normal(size=6)
-            q[:6] = -3 * way / np.abs(way).max()
+            speed = float(rng.choice([0.03, 0.3, 3.0])) if in_cone else 3.0
+            q[:6] = -speed * way / np.abs(way).max()
         told = mover.reported_twist() if reports else None
         step = stepper.step(q, mover.measured_pose(), told)
         if "robot:" in step.reason:
@@ -189,7 +192,8 @@ def turn_about(
 
 def honest(declared: DeclaredRobot, names: list[str], runs: int, seconds: float, seed: int) -> list:
     """Return (declared, true robot, when and what was said) of each run of robots as declared."""
-    stepper, found = Stepper(driven_problem(declared)), []
+    stepper = Stepper(driven_problem(declared, (FAR, CONE) if seed % 2 else (FAR,)))
+    found = []
     for run in range(runs):
         rng = np.random.default_rng([seed, run, 41])
         kind = true_robot(declared, rng)

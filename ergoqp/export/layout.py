@@ -22,7 +22,7 @@ from ergoqp.step.robot_watch.faults import Fault
 from ergoqp.step.robot_watch.memory import ASTRAY
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import longest_stop
-from ergoqp.step.under_way.history import SHORTEST_DT
+from ergoqp.step.under_way.history import CLOCK_ROUNDING, SHORTEST_DT
 
 _GUIDE_VALUES = f"""
 /* Promises for ergoqp_guide: the cost there is unknown; the caller judges the place. */
@@ -116,8 +116,9 @@ ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input,
 
 /* For the robot's watchdog, if no step came in time: the next twist of the stop, to be executed for
  * dt seconds. It needs no new data and updates the stepper. elapsed: seconds for which the robot
- * has already slowed down along that stop by itself; after another ramp call ergoqp_take_over. A
- * stepper must not be used by two threads at once. */
+ * has already slowed down by itself along the twists of ergoqp_stop; after another ramp call
+ * ergoqp_take_over. An elapsed that is no number from 0 gives the cause age. A stepper must not be
+ * used by two threads at once. */
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed,
                            ergoqp_output* output);
 
@@ -193,7 +194,7 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     lines += [f"#define ERGOQP_DOUBTED {DOUBTED}"]
     lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
     lines += [
-        f"#define ERGOQP_LONGEST_CUT {3 * problem.dt!r}",
+        f"#define ERGOQP_CLOCK_ROUNDING {CLOCK_ROUNDING!r}",
         f"#define ERGOQP_LONGEST_STOP {problem.stop.duration!r}",
         f"#define ERGOQP_STOP {longest_stop(model)} /* most twists of a stop */",
         f"#define ERGOQP_AVERAGE {float(problem.average)!r}",

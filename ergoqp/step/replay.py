@@ -72,7 +72,7 @@ def replay(
             ) from None
         stepper._raised.clear()
         stepper._call()
-        if entry.get("instead"):  # the answer before was too late, and this one was sent
+        if entry.get("instead"):  # this answer was given, and not the one before
             steps.pop()
         frame = (stepper._inputs["posture"].copy(), stepper._inputs["observed"].copy())
         steps.append(stepper._answer(stepper._ready, notes, time.perf_counter(), frame))

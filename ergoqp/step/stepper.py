@@ -27,7 +27,7 @@ from ergoqp.step.rest import stalled
 from ergoqp.step.spare import callers, check_spare, guarded
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import stop_function
-from ergoqp.step.under_way.history import SHORTEST_DT
+from ergoqp.step.under_way.history import CLOCK_ROUNDING, SHORTEST_DT
 from ergoqp.step.user_values import number, put, truth
 
 _ROUNDING: Final = 1e-9
@@ -344,21 +344,28 @@ class Stepper:
 
         Args:
             dt: for how long the twist will be executed [s]. None: the period of the loop.
-            elapsed: how long the robot has already ramped down by itself before this call [s]. Its
-                ramp counts as that stop and is not checked. The object comes to rest before it
-                moves again. A straight ramp is up to half of `Control.average` ahead of that stop.
+            elapsed: how long the robot has already ramped down by itself before this call [s],
+                along the twists of `stop`. Its ramp is not checked. The object comes to rest before
+                it moves again. A straight ramp is up to half of `Control.average` ahead of that stop.
                 After such a ramp use `reset`, with the measured twist or once the object stands.
         """
         start, ready, said = time.perf_counter(), self._ready, dict[str, str]()
-        late = min(number(elapsed, "elapsed", said), self._longest_stop)
+        late, more = number(elapsed, "elapsed", said), dict[str, Any]()
+        if not late >= -CLOCK_ROUNDING:
+            # The time for which the robot ramped down is an age like that of a frame.
+            more["age"] = np.nan
+            said["age"] = said.pop("elapsed", f"elapsed is {late:g} s, allowed at least 0")
+        late = min(late, self._longest_stop)
         while late >= SHORTEST_DT:
-            period = min(late, 3 * self.dt)
+            # Period by period, as `stop` gives them.
+            period = min(late, self.dt)
             late -= period
-            self._brake(ready, period, enable=0.0)
+            self._brake(ready, period, enable=0.0, **more)
             ready = (ready[0], self._state_out.copy(), ready[2], ready[3])
+            more["instead"] = True
             if not self._out[self._slices["twist"]].any():
                 break
-        notes = self._brake(ready, self.dt if dt is None else number(dt, "dt", said)) | said
+        notes = self._brake(ready, self.dt if dt is None else number(dt, "dt", said), **more) | said
         return self._answer(ready, notes, start, ready[3])
 
     def stop(self) -> np.ndarray:
@@ -426,13 +433,20 @@ class Stepper:
         return notes
 
     def _brake(
-        self, ready: Ready, dt: float, enable: float = 1.0, logged: bool = True
+        self,
+        ready: Ready,
+        dt: float,
+        enable: float = 1.0,
+        age: float = 0.0,
+        instead: bool = False,
+        logged: bool = True,
     ) -> dict[str, str]:
         """Evaluate the function without new data; return the notes of the call."""
         notes, into = self._begin_call(ready), self._inputs
         into["frame"][0], into["ask"][0], into["dt"][0], into["enable"][0] = 0.0, 1.0, dt, enable
+        into["age"][0] = age
         if logged and self._log is not None:
-            self._record(notes)
+            self._record(notes, **({"instead": True} if instead else {}))
         self._call()
         return notes
 

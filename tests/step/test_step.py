@@ -1123,11 +1123,31 @@ def test_brake_after_the_robots_own_ramp_is_brake_called_meanwhile(elapsed: floa
     one, other, left = moving_stepper(), Stepper(problem_of("screwing")), elapsed
     other.restore(one.state())
     while left > 1e-9:
-        other.brake(min(left, 0.03))
-        left -= 0.03
+        other.brake(min(left, other.dt))
+        left -= other.dt
     found, expected = one.brake(elapsed=elapsed), other.brake()
     np.testing.assert_allclose(found.twist, expected.twist, atol=1e-9)
     np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05])
+def test_a_robot_that_followed_the_stop_by_itself_is_where_it_was_led(dt: float) -> None:
+    """Each piece of three periods was held at its last twist: the pose was off by up to 8 mm."""
+    problem, log = problem_of("screwing"), list[dict[str, Any]]()
+    stepper = Stepper(problem, dt=dt, log=log.append)
+    stepper.reset(twist=0.6 * problem.twist_limit.speed)
+    before = stepper.step(comfort_of("screwing"), held_pose("screwing"), enable=False)
+    led, twists = moved(before.pose, before.twist * dt), stepper.stop()
+    periods = len(twists) // 2
+    for twist in twists[:periods]:
+        led = moved(led, twist * dt)
+    log.clear()
+    step = stepper.brake(elapsed=periods * dt)
+    np.testing.assert_allclose(step.pose, led, atol=1e-12)
+    np.testing.assert_allclose(step.twist, twists[periods], atol=1e-12)
+    # One call is one step of the loop, however many periods it stands for.
+    [again] = ergoqp.replay(problem, log)
+    assert again.twist.tobytes() == step.twist.tobytes()
 
 
 @pytest.mark.parametrize("elapsed", [2.0, 59.9, 60.0, 61.0, 1e6, float("inf")])
@@ -1137,11 +1157,15 @@ def test_a_robot_that_has_ramped_down_for_long_stands_still(elapsed: float) -> N
 
 @pytest.mark.parametrize("value", [float("nan"), -1.0, "soon", None, np.zeros(3), object()])
 def test_brake_never_raises(value: Any) -> None:
-    """What is no number of seconds is none; what is no period is the loop's."""
+    """What is no number of seconds is none, by name; what is no period is the loop's."""
     for given in ({"elapsed": value}, {"dt": value}):
         one, other = moving_stepper(), Stepper(problem_of("screwing"))
         other.restore(one.state())
-        assert one.brake(**given).twist.tobytes() == other.brake().twist.tobytes()
+        step, [name] = one.brake(**given), given
+        assert step.twist.tobytes() == other.brake().twist.tobytes()
+        if name == "elapsed" or value is not None:  # no `dt` is that of the loop
+            assert step.status == "invalid"
+            assert step.reason.startswith(f"{name} is ")
 
 
 def test_answers_do_not_share_memory_with_the_stepper() -> None:

@@ -135,8 +135,8 @@ def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: fl
         loop.step(q)
     state, left = stepper.state(), elapsed
     while left >= 1e-5:
-        stepper.brake(min(left, 0.03))
-        left -= 0.03
+        stepper.brake(min(left, stepper.dt))
+        left -= stepper.dt
     one_by_one = stepper.brake().twist
     stepper.restore(state)
     np.testing.assert_allclose(stepper.brake(elapsed=elapsed).twist, one_by_one, atol=1e-12)

@@ -135,9 +135,10 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, e
     ergoqp_input_defaults(&nothing);
     nothing.frame = 0;
     nothing.enable = 0; /* the robot's own ramp is not checked, and the object rests before it moves again */
+    if (!(elapsed >= -ERGOQP_CLOCK_ROUNDING)) nothing.age = NAN; /* an age like that of a frame */
     if (elapsed > ERGOQP_LONGEST_STOP) elapsed = ERGOQP_LONGEST_STOP;
     while (elapsed >= ERGOQP_SHORTEST_PERIOD) {
-        nothing.dt = elapsed < ERGOQP_LONGEST_CUT ? elapsed : ERGOQP_LONGEST_CUT;
+        nothing.dt = elapsed < ERGOQP_DT ? elapsed : ERGOQP_DT; /* as ergoqp_stop gives them */
         elapsed -= nothing.dt;
         (void)answer(stepper, &nothing, 1.0, output);
         for (axis = 0; axis < 6 && output->twist[axis] == 0.0; ++axis) continue;

@@ -161,7 +161,7 @@ def _compared(model: StepModel) -> ca.Function:
     parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
-    apart, least, most = now["apart"] + went - done, now["least"], now["most"]
+    apart, least, most = now["apart"] + went - done, ca.SX(now["least"]), ca.SX(now["most"])
     block, gone, slip = {}, ca.SX(6, 1), ca.SX(6, 1)
     if robot.longest_hold and not robot.owes:
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
@@ -201,10 +201,19 @@ def _compared(model: StepModel) -> ca.Function:
     below = above = ca.SX(6, 1)
     if robot.owes:
         below, above = below + stretch * now["down"], above + stretch * now["up"]
+    # Where the comparison begins, its axes are those of the world.
+    below_begin, above_begin = ca.SX(below), ca.SX(above)
     if "turned" in sizes:
         below[3:], above[3:] = _in_axes(sent, below[3:], above[3:])
         if robot.owes:
-            block["area"] = now["area"] + sent.T @ _area(now, done)
+            grown = sent.T @ _area(now, done)
+            if robot.gain_error:
+                # What is owed, and the area, are those of a robot that is turned by the difference.
+                aside = _aside(ca.fmax(below[3:], above[3:]), apart[3:])
+                below[3:], above[3:] = below[3:] + aside, above[3:] + aside
+                aside = stretch**2 * _aside(grown, apart[3:])
+                least[3:], most[3:] = least[3:] - aside, most[3:] + aside
+            block["area"] = now["area"] + grown
             drift = stretch**2 * block["area"]
             # One after the other, what is owed and this drift add up but for their cross product.
             mixed = _mixed(ca.fmax(below[3:], above[3:]), drift) / 2
@@ -222,6 +231,7 @@ def _compared(model: StepModel) -> ca.Function:
         if "turned" in sizes:
             hold[3:, :] = ca.norm_2(ca.fmax(hold[3:, 0], hold[3:, 1]))
         below, above = below + hold[:, 0], above + hold[:, 1]
+        below_begin, above_begin = below_begin + hold[:, 0], above_begin + hold[:, 1]
     if robot.gain_error:
         spread = ca.fabs(done)
         if "turned" in sizes:
@@ -252,8 +262,8 @@ def _compared(model: StepModel) -> ca.Function:
         block["turned_from"] = ca.if_else(around, present, begun)
         if "area" in sizes:
             block["area"] = ca.if_else(around, 0, block["area"])
-    least = ca.if_else(again, -(at_begin + below + unseen), ca.fmax(least, low))
-    most = ca.if_else(again, at_begin + above + unseen, ca.fmin(most, high))
+    least = ca.if_else(again, -(at_begin + below_begin + unseen), ca.fmax(least, low))
+    most = ca.if_else(again, at_begin + above_begin + unseen, ca.fmin(most, high))
     if "slip" in sizes:
         block["slip"] = ca.if_else(anew, 0, slip)
     if robot.longest_hold and robot.owes:
@@ -326,6 +336,12 @@ def _spread(turn: ca.SX, apart: ca.SX) -> ca.SX:
     """
     aside = ca.cross(apart, turn)
     return ca.fabs(turn) + ca.fabs(aside) / 2 + ca.fabs(ca.cross(apart, aside)) / 11
+
+
+def _aside(turn: ca.SX, apart: ca.SX) -> ca.SX:
+    """Return the size per axis of what `_spread` adds to a turn of this size (3,)."""
+    aside = _mixed(turn, apart)
+    return aside / 2 + _mixed(aside, apart) / 11
 
 
 def _mixed(one: ca.SX, other: ca.SX) -> ca.SX:
