@@ -22,7 +22,7 @@ _OF_ROBOT: Final = ("robot:", "comes to rest before it moves again", LATCHED)
 _OF_STEP: Final = ("no twist but braking keeps every limit", "the QP was not solved")
 _OF_TERMS: Final = ("cost: ", "response: ", "limits: ")
 SHORT: Final = "much shorter than the loop"
-_NO_WAY: Final = "no straight way leads from there"
+_NO_WAY: Final = "none of the straight ways that are tried leads from there"
 _UNMEASURED: Final = "no pose, and the robot is declared"
 
 

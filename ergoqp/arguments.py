@@ -150,18 +150,21 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
     Raises:
         InputError: if the value is not an array of finite numbers of that shape.
     """
-    found = shown(value)
-    try:
-        array = unmasked(value)
-        if array.shape == shape and array.dtype.kind in "iuf":
-            numbers = array.astype(float)
-            if np.isfinite(numbers).all():
-                return numbers
-            if array.size > _FEW:
-                found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
-    except Exception:  # not an array
-        pass
-    raise InputError(f"{what}: got {found}, allowed {allowed}")
+    if type(value) is np.ndarray:  # nothing of a user's runs, so no error is caught
+        array = value
+    else:
+        try:
+            array = unmasked(value)
+        except Exception:  # not an array
+            array = np.array(None)
+    found = ""
+    if array.shape == shape and array.dtype.kind in "iuf":
+        numbers = array.astype(float)
+        if np.isfinite(numbers).all():
+            return numbers
+        if array.size > _FEW:
+            found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
+    raise InputError(f"{what}: got {found or shown(value)}, allowed {allowed}")
 
 
 def check_kind(

@@ -127,9 +127,10 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed,
  * them in advance. Returns how many there are. The stepper is as before. */
 int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]);
 
-/* Allow motion again after a fault of the robot that no measured pose ended (cause `latched`). The
- * object may then be anywhere between what was sent and what was reported since a pose was
- * measured, and the limits count both.{_TRIED if guided else ""} */
+/* Allow motion again after a fault of the robot that no measured pose ended (cause `latched`), and
+ * after wrong frames, until they are compared again. After a fault the object may be anywhere
+ * between what was sent and what was reported since a pose was measured, and the limits count
+ * both.{_TRIED if guided else ""} */
 void ergoqp_try_again(ergoqp_stepper* stepper);
 
 {_GUIDE_CALLS if guided else ""}/* Names, for logs. */
@@ -187,7 +188,8 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
     lines += [
         f"#define ERGOQP_STATE_AT_{name} {model.places[name].start}"
-        for name in ("idle", "due", "latched", *(["trial"] if guided else []))
+        for name in ("idle", "due", "latched", "frames", "trial")
+        if name in model.places
     ]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {_listed(problem.twist_limit.speed)}"]

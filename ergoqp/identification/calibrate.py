@@ -126,9 +126,10 @@ def calibrate_frames(problem: Problem, rests: Any, known: Sequence[str] = ()) ->
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     if not problem.moves_pose:
         raise InputError(f"problem {problem.name}: has no person, allowed one with a person")
-    kept = names_of("known", known, "'base' or 'flange'") if len(known) else ()
+    empty = isinstance(known, (tuple, list)) and not known
+    kept = () if empty else names_of("known", known, "a list of 'base' and 'flange'")
     if not set(kept) <= {"base", "flange"}:
-        raise InputError(f"known: got {', '.join(kept)}, allowed 'base' or 'flange'")
+        raise InputError(f"known: got {', '.join(kept)}, allowed a list of 'base' and 'flange'")
     loop = watched(rests)
     found = rests_of(rests) if loop is None else rests_in(loop)
     if len(found) < _FEWEST:

@@ -58,6 +58,9 @@ FRAMES: Final[Sizes] = {
 }
 """What the comparison keeps; all zero at first."""
 
+VERDICTS: Final = slice(1, 3)
+"""What of it says that frames are wrong."""
+
 
 def bounds(problem: Problem) -> tuple[float, float]:
     """Return the distance [m] and the angle [rad] up to which posture and pose may be apart."""

@@ -72,7 +72,7 @@ def rest_update(
     near_lowest = cost <= lowest + control.stall_gain
     enough = ca.if_else(near_lowest, control.stall_after, HUNTING * control.stall_after)
     gives_up = ca.logic_and(ca.logic_not(ca.logic_or(still, must_move)), unimproved >= enough)
-    changes = ca.logic_or(timer >= patience - 1e-12, gives_up)
+    changes = ca.logic_or(ca.logic_and(asks, timer >= patience - 1e-12), gives_up)
     state = ca.if_else(changes, ca.logic_not(still), still)
     # Each motion is judged separately.
     starts = ca.logic_and(changes, still)

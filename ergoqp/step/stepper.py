@@ -19,11 +19,13 @@ from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.answer.step import Step
+from ergoqp.step.frames_check import VERDICTS
 from ergoqp.step.function import build_step, step_function
 from ergoqp.step.guide.place import read_guide
 from ergoqp.step.model import StepModel
 from ergoqp.step.ready import Frame, Layout, Ready
 from ergoqp.step.rest import stalled
+from ergoqp.step.robot_watch.faults import Fault
 from ergoqp.step.spare import callers, check_spare, guarded
 from ergoqp.step.state import state_at_start
 from ergoqp.step.stopping import stop_function
@@ -176,6 +178,8 @@ class Stepper:
             raise InputError(
                 f"state: got ages that do not grow from 0 s on, allowed {allowed} of this problem"
             )
+        if (fault := float(state[at["fault"]][0])) not in tuple(Fault):
+            raise InputError(f"state: got {fault:g} for a fault, allowed {allowed} of this problem")
         twists = np.concatenate([state[at["planned"]], state[at["sent"]]]).reshape(-1, 6)
         fastest, speed = np.abs(twists).max(axis=0), self.problem.twist_limit.speed
         if (fastest > speed + _ROUNDING).any():
@@ -217,13 +221,17 @@ class Stepper:
     def try_again(self) -> None:
         """Allow motion again, and try the guide again, if there is one.
 
-        It ends `hold`, and the rest after a fault of the robot that no measured pose ended. The
-        object may then be anywhere between what was sent and what was reported since a pose was
-        measured, and the limits count both.
+        It ends `hold`, the rest after a fault of the robot that no measured pose ended, and that
+        after wrong frames, until they are compared again. After a fault the object may be anywhere
+        between what was sent and what was reported since a pose was measured, and the limits count
+        both.
         """
         usual, state, notes, frame = self._ready
         names = ("on_hold", "latched", *(["trial"] if self._guided else []))
-        self._ready = (usual, self._layout.forgotten(state, *names), notes, frame)
+        state = self._layout.forgotten(state, *names)
+        if "frames" in self._layout.parts:
+            state[self._layout.parts["frames"]][VERDICTS] = 0.0
+        self._ready = (usual, state, notes, frame)
         self._held = False
 
     @property
@@ -346,8 +354,9 @@ class Stepper:
             dt: for how long the twist will be executed [s]. None: the period of the loop.
             elapsed: how long the robot has already ramped down by itself before this call [s],
                 along the twists of `stop`. Its ramp is not checked. The object comes to rest before
-                it moves again. A straight ramp is up to half of `Control.average` ahead of that stop.
-                After such a ramp use `reset`, with the measured twist or once the object stands.
+                it moves again. A straight ramp is up to half of `Control.average` ahead of that
+                stop. After such a ramp use `reset`, with the measured twist or once the object
+                stands.
         """
         start, ready, said = time.perf_counter(), self._ready, dict[str, str]()
         late, more = number(elapsed, "elapsed", said), dict[str, Any]()

@@ -250,10 +250,33 @@ def test_it_brakes_without_data_as_python_does(exported):
             assert both("brake", **given).status == "braking"
         for _ in range(5):
             both("step", posture)
+    for elapsed in (-1.0, float("nan")):
+        assert both("brake", elapsed=elapsed).status == "invalid"
     stepper.reset(twist=moving)
     other.take_over(moving)
     while both("brake").twist.any():
         pass
+
+
+def test_it_tries_again_after_wrong_frames_as_python_does(exported):
+    problem, folder, library = exported
+    stepper, other = Stepper(problem), load_wrapper(folder).Stepper(str(library))
+    if not stepper._model.compares:
+        pytest.skip("the problem has no person, so no frames are compared")
+    posture = problem.response.comfort
+    wrong = np.array(problem.response.contact()(posture)[0])
+    wrong[:3, 3] += [0.3, 0.5, 0.0]
+    said = []
+    for number in range(120):
+        step = stepper.step(posture, wrong)
+        answer = other.step(posture, pose=wrong.ravel())
+        assert answer.causes == step.account("causes")[0]
+        said.append("frames:" in step.reason)
+        if number == 90:
+            stepper.try_again()
+            other.try_again()
+    assert said[90]
+    assert not said[91]
 
 
 def test_the_wrapper_reserves_enough_memory(exported, tmp_path):

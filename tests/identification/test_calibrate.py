@@ -152,8 +152,9 @@ def test_wrong_arguments_are_named(problem: Problem) -> None:
     good = rests(problem, 3)
     with pytest.raises(InputError, match="rests: got 2, allowed at least 3"):
         ergoqp.calibrate_frames(problem, good[:2])
-    with pytest.raises(InputError, match="known: got camera, allowed 'base' or 'flange'"):
-        ergoqp.calibrate_frames(problem, good, known=["camera"])
+    for wrong, said in ((["camera"], "camera"), ("base", "'base'"), (None, "None"), (5, "5")):
+        with pytest.raises(InputError, match=f"known: got {said}, allowed a list of 'base' and"):
+            ergoqp.calibrate_frames(problem, good, known=wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="has no person"):
         ergoqp.calibrate_frames(ergoqp.load_problem("forearm"), good)
     in_degrees = [(np.degrees(posture), pose) for posture, pose in good]

@@ -266,8 +266,8 @@ def test_where_no_way_leads_out_the_object_rests_and_says_so_once(
     path, steps, _ = follow(scene(regions, box, axes), place, np.ones(6), 3.0)
     assert {step.status for step in steps} == {"braking"}
     assert {step.reason for step in steps} == {
-        f"the object is {said}, and no straight way leads from there to a place where all limits"
-        " hold: it rests until it is moved by hand"
+        f"the object is {said}, and none of the straight ways that are tried leads from there to a"
+        " place where all limits hold: it rests until it is moved by hand"
     }
     assert np.abs(path - place).max() == 0
 

@@ -177,6 +177,23 @@ def test_nothing_is_compared_without_a_measured_pose() -> None:
     assert not any(names(stepper.step(raised)) for _ in range(100))
 
 
+@pytest.mark.parametrize("lost", ["pose", "ankle"])
+def test_what_is_not_compared_any_more_ends_by_trying_again(lost: str) -> None:
+    """The object rested for ever once an ankle was not seen any more."""
+    stepper, posture = Stepper(problem_of()), at_work(problem_of())
+    pose, seen = contact(problem_of(), posture), np.ones(32)
+    seen[INDEX["right_ankle_flexion"]] = 0
+    for wrong in (shifted(pose, 0.3, 0.5, 0.0),):
+        led(stepper, posture, wrong, 1.0)
+    given = {"pose": None} if lost == "pose" else {"pose": pose, "observed": seen}
+    steps = [stepper.step(posture, **given) for _ in range(200)]
+    assert names(steps[-1])
+    stepper.try_again()
+    steps = [stepper.step(posture, **given) for _ in range(200)]
+    assert not any(names(step) for step in steps)
+    assert "braking" not in {step.status for step in steps[50:]}
+
+
 def test_a_person_who_steps_aside_later_is_doubted_and_not_braked() -> None:
     stepper, posture = stepper_of(), at_work(problem_of())
     stepper.reset()

@@ -46,7 +46,7 @@ def plain(sent: np.ndarray, seen: np.ndarray, changes: np.ndarray) -> tuple[int,
     aside = y - (y @ Y) / (Y @ Y) * Y
     if np.linalg.norm(aside) > 0.5 * np.linalg.norm(Y):
         return Fault.another_axis, 0.0
-    if late > 0 and late * np.linalg.norm(changes) > abs(gain - 1) * np.linalg.norm(sent):
+    if late > 1e-3 and late * np.linalg.norm(changes) > abs(gain - 1) * np.linalg.norm(sent):
         return Fault.late, late
     return (Fault.stands_still, 0.0) if abs(gain) < 0.15 else (Fault.factor, gain)
 
@@ -113,3 +113,21 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
         assert fault_sentence(Fault.factor, amount).startswith(
             f"robot: moves {amount:.2f} times what was sent (if"
         )
+
+
+@pytest.mark.parametrize(
+    ("gain", "late", "said"),
+    [
+        (1.0, 0.05, "robot: late by 50 ms"),
+        # It was said to be late by 0 ms.
+        (1.0, 4e-4, "robot: drifts"),
+        (1.2, 4e-4, "robot: moves 1.20 times"),
+    ],
+)
+def test_what_is_late_by_less_than_a_millisecond_is_on_time(
+    gain: float, late: float, said: str
+) -> None:
+    rng = np.random.default_rng(0)
+    sent = rng.normal(size=(9, 6)) + 2 * np.eye(6)[0]
+    changes = 0.2 * rng.normal(size=(9, 6))
+    assert fault_sentence(*of(sent, gain * sent - late * changes, changes)).startswith(said)

@@ -50,7 +50,8 @@ class Plain:
         else:
             asks = self.gain < c.rest_below
         self.asked = self.asked + dt if asks else 0.0
-        long_enough = self.asked >= (c.move_after if self.rests else c.rest_after) - 1e-12
+        patience = c.move_after if self.rests else c.rest_after
+        long_enough = asks and self.asked >= patience - 1e-12
         at_lowest = self.cost <= self.lowest + c.stall_gain
         tired = (
             not self.rests
@@ -71,10 +72,14 @@ CONTROLS = [
     Control(),
     Control(rest_filter=0.004, stall_after=0.3, stall_gain=0.2),
     Control(move_above=0.3, rest_below=0.2),
+    # At once, and only then: it rested whatever the gain was.
+    Control(rest_after=0.0, move_after=0.0, rest_below=0.5, move_above=1.0),
 ]
 
 
-@pytest.mark.parametrize("control", CONTROLS, ids=["default", "no filter, soon tired", "narrow"])
+@pytest.mark.parametrize(
+    "control", CONTROLS, ids=["default", "no filter, soon tired", "narrow", "at once"]
+)
 @settings(deadline=None, max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_rest_is_what_the_words_say(control: Control, seed: int) -> None:

@@ -69,6 +69,12 @@ def test_it_is_that_of_a_guide_or_of_a_moving_object_where_asked() -> None:
     np.testing.assert_array_equal(state[:6], [speed[0], 0.01, 0, 0, 0.1, -speed[5]])
 
 
+def _with_fault(state: np.ndarray, code: float) -> np.ndarray:
+    changed = state.copy()
+    changed[Stepper(problem_of("screwing"))._layout.parts["fault"].start] = code
+    return changed
+
+
 def test_hold_is_a_part_of_it() -> None:
     stepper, other = Stepper(problem_of("screwing")), Stepper(problem_of("screwing"))
     free = stepper.state()
@@ -111,6 +117,8 @@ def test_the_caller_may_write_to_it() -> None:
         (lambda s: np.where(np.arange(len(s)) == 0, 0.5, s), r"state: got twists of up to \[0.5"),
         (lambda s: np.where(np.arange(len(s)) == 5, -5.0, s), "allowed within the speed limits"),
         (np.zeros_like, "state: got ages that do not grow from 0 s on"),
+        (lambda s: _with_fault(s, 100.0), "state: got 100 for a fault, allowed"),
+        (lambda s: _with_fault(s, 1.5), "state: got 1.5 for a fault, allowed"),
     ],
 )
 def test_what_is_no_state_is_one_sentence_and_changes_nothing(change: Any, sentence: str) -> None:

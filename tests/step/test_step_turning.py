@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.tracking_faults import Cornered, driven_problem, turn_about
+from benchmarks.tracking_faults import CONE, FAR, Cornered, driven_problem, turn_about
 from ergoqp.joints import JOINTS
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
@@ -41,6 +41,27 @@ def test_a_robot_as_declared_that_turns_on_and_on_is_no_fault(
     kind = replace(RobotKind.of(declared, np.random.default_rng(0)), gain=gain)
     for seed in (1, 2):
         assert turn_about(stepper, kind, 12.0, np.random.default_rng(seed), False) == []
+
+
+@pytest.mark.parametrize(
+    ("declared", "seed"),
+    [
+        # The new comparison began in the axes of the one before.
+        (DeclaredRobot(lag=0.1, gain_error=0.5, pose_noise_deg=0.1), 8),
+        (DeclaredRobot(delay=0.1, gain_error=0.5, pose_noise_deg=0.1), 8),
+        # What is owed turns with the difference that is present.
+        (DeclaredRobot(delay=0.1, gain_error=0.5, pose_noise_deg=0.1), 0),
+        (DeclaredRobot(lag=0.2, gain_error=0.3, pose_noise_deg=0.1), 0),
+    ],
+    ids=repr,
+)
+def test_a_robot_that_is_late_and_does_half_as_much_again_is_no_fault_where_that_is_declared(
+    declared: DeclaredRobot, seed: int
+) -> None:
+    walls = (FAR, CONE) if declared.gain_error > 0.4 else (FAR,)
+    stepper = Stepper(driven_problem(declared, walls))
+    kind = replace(RobotKind.of(declared, np.random.default_rng(0)), gain=1 + declared.gain_error)
+    assert turn_about(stepper, kind, 6.5, np.random.default_rng(seed), False) == []
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,10 @@ int ergoqp_stop(ergoqp_stepper* stepper, double twists[ERGOQP_STOP][6]) {
 
 void ergoqp_try_again(ergoqp_stepper* stepper) {
     stepper->state[ERGOQP_STATE_AT_latched] = 0.0;
+#ifdef ERGOQP_STATE_AT_frames
+    stepper->state[ERGOQP_STATE_AT_frames + 1] = 0.0; /* what says that they are wrong */
+    stepper->state[ERGOQP_STATE_AT_frames + 2] = 0.0;
+#endif
 #ifdef ERGOQP_GUIDE
     memset(stepper->state + ERGOQP_STATE_AT_trial, 0, ERGOQP_TRIAL * sizeof(double));
 #endif

@@ -184,8 +184,8 @@ def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
         if limit.hard and margin < -limit.tolerance
     ]
     return (
-        f"the object is {' and '.join(found)}, and no straight way leads from there to a place"
-        " where all limits hold: it rests until it is moved by hand"
+        f"the object is {' and '.join(found)}, and none of the straight ways that are tried leads"
+        " from there to a place where all limits hold: it rests until it is moved by hand"
     )
 
 

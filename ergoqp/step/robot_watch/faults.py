@@ -11,6 +11,8 @@ import numpy as np
 _SAME: Final = 0.005
 """A factor this close to 1 counts as 1."""
 
+_ON_TIME: Final = 1e-3
+"""A lateness of less than this is none [s]."""
 
 _CLOSE: Final = 0.2
 """A factor this close to 1 is said to a hundredth, others to a tenth."""
@@ -48,7 +50,7 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
     late = ca.if_else(sound, -(YY * sy - Ys * Yy) / ca.if_else(sound, det, 1), 0)
     along = ca.dot(y, Y) / ca.fmax(ca.dot(Y, Y), 1e-18)
     aside = ca.norm_2(y - along * Y) > 0.5 * ca.norm_2(Y)
-    is_late = ca.logic_and(late > 0, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
+    is_late = ca.logic_and(late > _ON_TIME, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
     still = ca.fabs(gain) < 0.15
     other = ca.if_else(
         still, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain)
