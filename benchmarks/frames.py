@@ -26,7 +26,6 @@ and trembling.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -36,6 +35,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
+from benchmarks.kept import KeptPool
 from benchmarks.report import Report, run
 from ergoqp.errors import InputError
 from ergoqp.human import Body
@@ -325,7 +325,7 @@ def measure(report: Report) -> None:
     ]
     jobs += [(wrong, (*unit, i % report.pick(6, 5) == 0)) for i, unit in enumerate(few)]
     jobs += [(calibrated, unit) for unit in few[:: report.pick(2, 1)]]
-    with ProcessPoolExecutor(2, initializer=_begin) as pool:
+    with KeptPool(report, "frames", initializer=_begin) as pool:
         futures = [(function, unit, pool.submit(function, *unit)) for function, unit in jobs]
         found = [(function, unit, future.result()) for function, unit, future in futures]
     of = {

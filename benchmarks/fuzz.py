@@ -67,6 +67,7 @@ import multiprocessing
 import warnings
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import Executor
 from typing import Any, Final
 
 import numpy as np
@@ -76,6 +77,7 @@ from benchmarks.fuzz_judge import Tally
 from benchmarks.fuzz_loop import Loop
 from benchmarks.fuzz_problems import problem_of
 from benchmarks.fuzz_terms import Spoiled, spoiled
+from benchmarks.kept import KeptPool
 from benchmarks.report import Report, run
 
 CHUNK = 2000
@@ -126,27 +128,24 @@ def _silent_chunk(task: tuple[int, int]) -> Tally:
         return run_chunk(task)
 
 
-def fuzz(steps: int, processes: int = 2, say: Callable[[str], object] = str) -> Tally:
+def fuzz(steps: int, pool: Executor, say: Callable[[str], object]) -> Tally:
     """Run that many steps over all problems and return the findings; `say` hears of progress."""
     size = min(CHUNK, max(SEQUENCE, steps // 20))
     tasks = [(number, size) for number in range(round(steps / size))]
     total = Tally()
-    if processes == 1:
-        found = map(_silent_chunk, tasks)
-        for tally in found:
-            total.add(tally)
-        return total
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for done, tally in enumerate(pool.imap_unordered(_silent_chunk, tasks), start=1):
-            total.add(tally)
-            if done % 20 == 0:
-                say(f"  {done}/{len(tasks)} chunks")
+    futures = [pool.submit(_silent_chunk, task) for task in tasks]
+    for done, future in enumerate(futures, start=1):
+        total.add(future.result())
+        if done % 20 == 0:
+            say(f"  {done}/{len(tasks)} chunks")
     return total
 
 
 def measure(report: Report) -> None:
     """Attack."""
-    found = fuzz(report.pick(20_000, 1_000_000), say=report.say)
+    context = multiprocessing.get_context("spawn")
+    with KeptPool(report, "fuzz", mp_context=context) as pool:
+        found = fuzz(report.pick(20_000, 1_000_000), pool, report.say)
     for status, count in found.statuses.most_common():
         report.say(f"  {status:<12} {count:>9}")
     kinds: dict[str, Any] = {name: count for name, count in found.counts.items() if ": " in name}

@@ -226,9 +226,9 @@ class Loop:
         state, left = self._stepper.state(), elapsed
         if elapsed >= 1e-5:
             self._robot.ramped()
-        self._object.settle(state, self._sent, 3 * self._problem.dt)
+        self._object.settle(state, self._sent, self._problem.dt)
         while left >= 1e-5 and (self._sent.twist.any() or self._law.planned.any()):
-            period = min(left, 3 * self._problem.dt)
+            period = min(left, self._problem.dt)
             left -= period
             braked = self._stepper.step(None, dt=period, enable=False)
             self._go(braked, period, "asked to brake", True, where)

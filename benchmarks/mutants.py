@@ -45,6 +45,7 @@ from typing import Any, Final
 
 from coverage import CoverageData
 
+from benchmarks.kept import kept_folder
 from benchmarks.mutant_kinds import Mutant, mutants_of
 from benchmarks.report import Report, run
 
@@ -306,14 +307,11 @@ class _Kept:
         return verdict
 
 
-def _place(keep: Path | None, judges: Sequence[str]) -> AbstractContextManager[str]:
-    """Return the folder of the copies: in `keep`, of this commit and tests, or one that goes."""
-    if keep is None:
+def _place(report: Report, since: str | None) -> AbstractContextManager[str]:
+    """Return the folder of the copies, which is kept or goes."""
+    place = kept_folder(report, "mutants" if since is None else f"mutants-since-{since}")
+    if place is None:
         return tempfile.TemporaryDirectory(prefix="ergoqp-mutants-")
-    command = ["git", "rev-parse", "HEAD"]
-    commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    place = keep.resolve() / f"{commit.strip()[:12]}-{len(judges)}"
-    place.mkdir(parents=True, exist_ok=True)
     return nullcontext(str(place))
 
 
@@ -334,7 +332,7 @@ def _since(commit: str, paths: Sequence[str]) -> Callable[[Mutant], bool]:
     return lambda mutant: mutant.line in came[mutant.path]
 
 
-def measure(report: Report, since: str | None = None, keep: Path | None = None) -> None:
+def measure(report: Report, since: str | None = None) -> None:
     """Try the mutants in copies of the project, two at a time."""
     patterns = MUTATED if since else report.pick(MUTATED[-2:], MUTATED)
     paths = sorted(
@@ -356,7 +354,7 @@ def measure(report: Report, since: str | None = None, keep: Path | None = None) 
     )["alive"]
     verdicts: list[Verdict] = []
     judges = TESTS if since else report.pick(("tests/sheets",), TESTS)
-    with _place(keep, judges) as place, ThreadPoolExecutor(WORKERS) as pool:
+    with _place(report, since) as place, ThreadPoolExecutor(WORKERS) as pool:
         folders: SimpleQueue[Path] = SimpleQueue()
         for number in range(WORKERS):
             folders.put(_copy(Path(place) / str(number)))
@@ -411,6 +409,5 @@ def measure(report: Report, since: str | None = None, keep: Path | None = None) 
 if __name__ == "__main__":
     own = argparse.ArgumentParser(add_help=False)
     own.add_argument("--since", metavar="COMMIT")
-    own.add_argument("--keep", type=Path, metavar="FOLDER")
     options, others = own.parse_known_args()
-    run(partial(measure, since=options.since, keep=options.keep), __doc__ or "", others)
+    run(partial(measure, since=options.since), __doc__ or "", others)

@@ -18,12 +18,13 @@ class Report:
 
     Attributes:
         full: the whole measurement is wanted, not the smaller sample that ends within 45 s.
+        keep: folder in which a long run keeps what it found, so that it goes on where it was ended.
         figures: what was measured so far.
     """
 
-    def __init__(self, full: bool) -> None:
+    def __init__(self, full: bool, keep: Path | None = None) -> None:
         """Start without figures."""
-        self.full = full
+        self.full, self.keep = full, keep
         self.figures: dict[str, float] = {}
 
     def pick(self, quick: Size, full: Size) -> Size:
@@ -73,8 +74,15 @@ def run(
     parser.add_argument(
         "--json", type=Path, metavar="FILE", help="also write the figures there, flat"
     )
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FOLDER",
+        help="keep what is found there, so that a long run that was ended goes on (fuzz, frames,"
+        " mutants, tracking)",
+    )
     options = parser.parse_args(arguments)
-    report = Report(full=options.full)
+    report = Report(full=options.full, keep=options.keep)
     start = time.perf_counter()
     measure(report)
     report.say(

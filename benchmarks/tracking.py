@@ -61,11 +61,11 @@ difference of what is sent from the interpreted step, in the same calls.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 
 import numpy as np
 
+from benchmarks.kept import KeptPool
 from benchmarks.report import Report, run
 from benchmarks.tracking_faults import declarations, honest, near
 from benchmarks.tracking_judges import Found
@@ -166,7 +166,7 @@ def measure(report: Report) -> None:
     for case in cases(0.01):
         alike.setdefault(case.declared, []).append(case)
     results: list[Ran] = []
-    with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+    with KeptPool(report, "tracking") as pool:
         futures = [
             pool.submit(runs_of_all, name, some, seconds, seed, _forms(report, name, some[-1]))
             for name in names
@@ -194,7 +194,7 @@ def measure(report: Report) -> None:
 class _Blind:
     """Ideal robots that report a wrong twist, or a noisy one, and never their pose."""
 
-    def __init__(self, report: Report, pool: ProcessPoolExecutor) -> None:
+    def __init__(self, report: Report, pool: Executor) -> None:
         seconds = report.pick(6.0, 120.0)
         seeds = range(report.pick(1, 3))
         self._runs = {
@@ -239,7 +239,7 @@ class _Blind:
 class _Turning:
     """Robots that turn without rest, as declared and a little beyond it."""
 
-    def __init__(self, report: Report, pool: ProcessPoolExecutor) -> None:
+    def __init__(self, report: Report, pool: Executor) -> None:
         count, runs, seconds = report.pick(6, 200), report.pick(1, 10), report.pick(8.0, 30.0)
         self._honest = [
             pool.submit(honest, declared, names, runs, seconds, number)
