@@ -311,6 +311,7 @@ class TestScore:
         assert all(bool(row["not_scored"]) == (row["valid"] == "0") for row in rows)
         assert not 20 <= summary["worst"]["frame"] < 40
 
+    @pytest.mark.slow
     def test_part_of_a_recording_is_scored(self, ergoqp, demo, tmp_path):
         options = ("--window", "2:4", "--neutral", "vertical", "--up", "y")
         assert ergoqp("score", demo, "--out", "part", *options).status == 0

@@ -70,6 +70,7 @@ def test_figures_count_what_was_said_against_what_is_so() -> None:
     assert other["infeasible_named"] == pytest.approx(0.2)
 
 
+@pytest.mark.slow
 def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None:
     found = small()
     path = found.save(tmp_path / "out")

@@ -106,6 +106,7 @@ def test_strips_show_a_single_step():
     assert float(active[0].get("width")) >= 1
 
 
+@pytest.mark.slow
 @given(st.text(min_size=1, max_size=80).filter(lambda text: text.isprintable()))
 def test_names_in_charts_are_escaped(name):
     strip = Strip(name, np.array([1, 0]), {1: ("active", name)}, name)

@@ -81,6 +81,7 @@ def test_score_table_names_the_worst_frame(recording):
     assert assessment.reasons(assessment.worst(recording.time))[0] in text
 
 
+@pytest.mark.slow
 def test_frames_with_the_score_of_the_worst_are_counted(recording, tmp_path):
     assessment = reba.assess(recording.scored_postures)
     highest = int(assessment.final.max())
@@ -154,6 +155,7 @@ def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_tables_need_no_extra():
     code = (
         "import sys; sys.modules['viser'] = sys.modules['jinja2'] = None; from ergoqp.report.scores"
@@ -163,6 +165,7 @@ def test_tables_need_no_extra():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_what_the_robot_did_stands_on_table_and_page_with_what_can_be_done(run, tmp_path):
     """The page showed at the very end alone that the object had stood still for nine tenths of the
     time."""

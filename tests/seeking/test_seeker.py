@@ -46,6 +46,7 @@ def sought(kind: str, name: str, seed: int, **how: Any) -> Run:
     return ergoqp.simulate(problem, holding.copy(), 70.0, seed, seek=places)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "name", "seed"), [("stubborn", "desk", 2), ("alike", "low_bin", 1)]
 )
@@ -79,6 +80,7 @@ def steps_of(seeker: Seeker, posture: np.ndarray, count: int) -> list:
     return [seeker.step(posture) for _ in range(count)]
 
 
+@pytest.mark.slow
 def test_who_says_no_is_left_alone_until_asked_again() -> None:
     problem, _, posture = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], thinks=False)
@@ -92,6 +94,7 @@ def test_who_says_no_is_left_alone_until_asked_again() -> None:
     assert any(step.twist.any() for step in steps_of(seeker, posture, 50))
 
 
+@pytest.mark.slow
 def test_a_person_who_never_follows_ends_at_rest_in_time() -> None:
     problem, _, posture = start("alike", "screwing", 1)
     how = Seeking(patience=5.0, longest=20.0)
@@ -102,6 +105,7 @@ def test_a_person_who_never_follows_ends_at_rest_in_time() -> None:
     assert seeker.account[-1].ended < 25.0
 
 
+@pytest.mark.slow
 def test_whatever_comes_in_a_step_comes_out() -> None:
     problem, _, posture = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=1.0), patient=True)
@@ -117,6 +121,7 @@ def test_whatever_comes_in_a_step_comes_out() -> None:
         assert np.isfinite(step.twist).all()
 
 
+@pytest.mark.slow
 def test_thinking_aside_does_not_hold_up_the_loop() -> None:
     """It is thought about while the object rests; no step waits for it."""
     problem, holding, _ = start("stubborn", "desk", 2)
@@ -138,6 +143,7 @@ def test_thinking_aside_does_not_hold_up_the_loop() -> None:
     assert not seeker.seeks
 
 
+@pytest.mark.slow
 def test_a_thought_that_goes_wrong_ends_at_what_was_measured(monkeypatch, caplog) -> None:
     problem, holding, _ = start("stubborn", "desk", 2)
     monkeypatch.setattr(Identifier, "identify", lambda *a, **k: 1 / 0)
@@ -179,6 +185,7 @@ def test_what_does_not_enable_a_stepper_does_not_enable_it(enable: Any) -> None:
     assert any(seeker.step(posture, enable=1).twist.any() for _ in range(20))
 
 
+@pytest.mark.slow
 def test_without_places_it_descends_and_still_thinks() -> None:
     problem, _, posture = start("alike", "desk", 0)
     assert any(step.twist.any() for step in steps_of(Seeker(problem), posture, 50))
@@ -195,6 +202,7 @@ def test_a_period_that_is_none_is_no_time() -> None:
     assert seeker._now <= 6 * problem.longest_period
 
 
+@pytest.mark.slow
 def test_while_it_is_not_enabled_no_try_runs_out_of_time() -> None:
     problem, _, posture = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=1.0), thinks=False)
@@ -204,6 +212,7 @@ def test_while_it_is_not_enabled_no_try_runs_out_of_time() -> None:
     assert any(step.twist.any() for step in steps_of(seeker, posture, 50))
 
 
+@pytest.mark.slow
 def test_it_says_why_it_stays(monkeypatch) -> None:
     """While it is thought about, and where nobody came to rest anywhere, nothing is best yet."""
     problem, holding, posture = start("stubborn", "desk", 2)
@@ -227,6 +236,7 @@ def test_it_says_why_it_stays(monkeypatch) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_thought_after_a_place_without_rest_is_a_new_one(monkeypatch) -> None:
     problem, holding, _ = start("stubborn", "desk", 2)
     seeker = Seeker(problem, [best_of_model("desk")], patient=True)
@@ -244,6 +254,7 @@ def test_a_thought_after_a_place_without_rest_is_a_new_one(monkeypatch) -> None:
     assert begun == [2]
 
 
+@pytest.mark.slow
 def test_who_became_another_is_not_known_by_the_rests_before() -> None:
     problem, _, posture = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=0.0), patient=True)
@@ -260,6 +271,7 @@ def test_who_became_another_is_not_known_by_the_rests_before() -> None:
     assert not seeker._rests
 
 
+@pytest.mark.slow
 def test_an_object_that_somebody_moved_away_is_led_anew() -> None:
     problem, holding, _ = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=0.0), patient=True)
@@ -320,6 +332,7 @@ def test_who_leaves_and_comes_back_loses_no_time(gone: Any) -> None:
     assert all(np.isfinite(each.score) for each in seeker.account)
 
 
+@pytest.mark.slow
 def test_who_leaves_the_object_at_rest_is_not_taken_for_the_model() -> None:
     """Angles that nobody sees are the model's, whose score is low."""
     problem, _, posture = start("alike", "desk", 0)
@@ -332,6 +345,7 @@ def test_who_leaves_the_object_at_rest_is_not_taken_for_the_model() -> None:
     assert seeker.seeks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seen", [(), (31,)])
 def test_of_whom_hardly_a_joint_is_seen_nothing_is_measured(seen: tuple[int, ...]) -> None:
     problem, _, posture = start("alike", "desk", 0)
@@ -343,6 +357,7 @@ def test_of_whom_hardly_a_joint_is_seen_nothing_is_measured(seen: tuple[int, ...
     assert seeker.seeks
 
 
+@pytest.mark.slow
 def test_a_rest_is_measured_anew_after_a_pause() -> None:
     problem = start("alike", "desk", 0)[0]
     comfort = problem.response.comfort  # type: ignore[attr-defined]
@@ -358,6 +373,7 @@ def test_a_rest_is_measured_anew_after_a_pause() -> None:
     assert measured[1] - 220 >= 200, "two seconds from the pause on"
 
 
+@pytest.mark.slow
 def test_lost_frames_end_no_rest() -> None:
     problem, holding, _ = start("follower", "desk", 2)
     seeker, rng = Seeker(problem, thinks=False), np.random.default_rng(0)
@@ -370,6 +386,7 @@ def test_lost_frames_end_no_rest() -> None:
     assert not seeker.seeks
 
 
+@pytest.mark.slow
 def test_who_fights_is_bounded_named_and_at_rest() -> None:
     """Somebody pushes the object about, at the speed of a hand."""
     problem, holding, _ = start("follower", "desk", 2)

@@ -70,6 +70,7 @@ def test_a_drive_to_where_the_object_is_stays() -> None:
     assert not step.twist.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "dentist", "desk"])
 def test_the_gradient_goes_down_within_every_limit_of_the_object(name: str) -> None:
     problem = load_problem(name)
@@ -93,6 +94,7 @@ def test_the_gradient_goes_down_within_every_limit_of_the_object(name: str) -> N
     assert problem.cost(trace.postures[-1])[0] < problem.cost(trace.postures[0])[0] - 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_gradient_stops_at_the_walls_and_goes_on_along_them(way: float) -> None:
     """Pulled against the workspace's end, the cone's edge and along the floor at once."""

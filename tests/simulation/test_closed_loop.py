@@ -37,6 +37,7 @@ def starts_of(problem, person, seed: int, count: int = 2):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
     problem = load_problem(name)
@@ -67,6 +68,7 @@ def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
     assert np.mean([change for _, change in changes]) <= 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_robot_as_bad_as_declared_breaks_no_limit_and_is_no_fault(seed: int) -> None:
     robot = DeclaredRobot(
@@ -106,6 +108,7 @@ def test_a_robot_that_was_not_declared_is_named_and_stopped() -> None:
     assert {step.status for step in named} == {"braking"}
 
 
+@pytest.mark.slow
 def test_a_loop_is_the_same_for_the_same_seed_and_another_for_another() -> None:
     problem = load_problem("dentist")
     person = sample_person(problem, seed=1)
@@ -117,6 +120,7 @@ def test_a_loop_is_the_same_for_the_same_seed_and_another_for_another() -> None:
     assert np.array(one.twists).tobytes() != np.array(other.twists).tobytes()
 
 
+@pytest.mark.slow
 def test_lost_frames_and_blind_joints_stop_nothing() -> None:
     problem = load_problem("dentist")
     person = sample_person(problem, seed=1)

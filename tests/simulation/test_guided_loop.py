@@ -52,6 +52,7 @@ def led(way: str) -> Run:
     return simulate(problem, posture, duration=16.0, seed=0, person=person, guide=guides[way]())
 
 
+@pytest.mark.slow
 def test_descent_stays_at_a_worse_place_and_the_optimum_leads_out_of_it() -> None:
     alone, guided = led("alone"), led("optimum")
     assert alone.statuses[-1] == guided.statuses[-1] == "settled"
@@ -67,6 +68,7 @@ def test_descent_stays_at_a_worse_place_and_the_optimum_leads_out_of_it() -> Non
     assert begins > 40
 
 
+@pytest.mark.slow
 def test_a_worse_place_is_tried_once_and_left_again() -> None:
     alone, guided = led("alone"), led("worse")
     assert THERE in guided.reasons

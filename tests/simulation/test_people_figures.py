@@ -130,6 +130,7 @@ def test_only_who_was_at_rest_sets_off() -> None:
     assert people_way.departures(np.array([*still, False, *still[:5], False]), 5) == 2
 
 
+@pytest.mark.slow
 def test_a_part_is_taken_away_where_it_is_there_for_somebody(monkeypatch, capsys) -> None:
     problem, blind = people_draw.judged("desk")[0], people_draw.unseeing("desk")
     assert problem.response.looks  # type: ignore[attr-defined]
@@ -328,6 +329,7 @@ def test_what_changes_while_units_run_is_not_what_they_ran_with(tmp_path, monkey
     people.digest.cache_clear()
 
 
+@pytest.mark.slow
 def test_drives_go_where_the_living_person_comes_along(monkeypatch) -> None:
     """A slow hand that is asked first stops short; only who lets go of the drive does so too."""
     one = drawn_unit("follower", "desk", 7)

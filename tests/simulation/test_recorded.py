@@ -32,6 +32,7 @@ def still(**angles: float) -> Recording:
     return fitted(centres_of(BODY, pelvis, posture(3, **angles)), neutral="vertical")
 
 
+@pytest.mark.slow
 def test_who_sits_sits() -> None:
     seated = still(legs_hip_flexion=88.0, legs_knee_flexion=90.0)
     height = seat_above_feet(seated, 0)
@@ -119,12 +120,14 @@ def ends(recording: Recording, frame: int, seed: int) -> tuple[int, int]:
     return int(run.reba[-1]), run.reba_standing_still
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", [60, 150])
 def test_the_end_is_not_worse_than_leaving_the_object_alone(frame: int, demo: Recording) -> None:
     after, alone = ends(demo, frame, 1)
     assert after <= alone
 
 
+@pytest.mark.slow
 def test_a_real_unscrewing_posture_gets_no_worse(shared: Path) -> None:
     path = shared / "mocap" / "bvh" / "cmu_62_04_screwing_keyframes.bvh"
     recording = load_recording(path)
@@ -133,6 +136,7 @@ def test_a_real_unscrewing_posture_gets_no_worse(shared: Path) -> None:
         assert after <= alone
 
 
+@pytest.mark.slow
 def test_a_deep_stoop_can_be_started_from() -> None:
     recording = fitted(stoop(deepest=60.0, stands=False)[0])
     after, alone = ends(recording, 10, 0)

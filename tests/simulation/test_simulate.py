@@ -73,6 +73,7 @@ def run(problem, start) -> Run:
     return simulate(problem, start, duration=4.0, seed=0, assumptions=["Given by the test."])
 
 
+@pytest.mark.slow
 def test_every_field_is_filled(problem, run):
     n = 400
     shapes = {
@@ -112,6 +113,7 @@ def test_poses_follow_the_twists_sent(run):
         )
 
 
+@pytest.mark.slow
 def test_same_seed_same_run(problem, run, start):
     again = simulate(problem, start, duration=1.0, seed=0)
     np.testing.assert_array_equal(again.twists, run.twists[:100])
@@ -119,6 +121,7 @@ def test_same_seed_same_run(problem, run, start):
     assert np.abs(other.twists - again.twists).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_standing_still_is_what_a_robot_that_stands_still_gets(problem, start):
     """The score it is compared with is that of a loop in which the object never moves."""
     person = sample_person(problem, 0)
@@ -129,6 +132,7 @@ def test_standing_still_is_what_a_robot_that_stands_still_gets(problem, start):
     assert still.reba[-1] == moving.reba_standing_still
 
 
+@pytest.mark.slow
 def test_body_of_the_person(problem, start):
     body = Body.of_stature(1.62)
     run = simulate(problem, start, duration=0.5, person=body)
@@ -136,6 +140,7 @@ def test_body_of_the_person(problem, start):
     assert any("1.62 m" in sentence for sentence in run.assumptions)
 
 
+@pytest.mark.slow
 def test_unobserved_joints_reach_the_loop(problem, start):
     observed = np.ones(32, dtype=bool)
     observed[[INDEX["neck_twist"], INDEX["right_wrist_flexion"]]] = False
@@ -148,6 +153,7 @@ def test_unobserved_joints_reach_the_loop(problem, start):
     assert np.abs(blind.twists - seeing.twists).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_start_beyond_a_range_is_said(problem, start):
     posture = start.copy()
     posture[INDEX["left_wrist_flexion"]] = UPPER[INDEX["left_wrist_flexion"]] + 0.1
@@ -158,6 +164,7 @@ def test_start_beyond_a_range_is_said(problem, start):
     )
 
 
+@pytest.mark.slow
 def test_progress_goes_to_the_end(problem, start):
     shares = []
     simulate(problem, start, duration=0.5, progress=shares.append)

@@ -106,6 +106,7 @@ def test_the_best_is_no_worse_than_any_place_that_is_known() -> None:
     assert len(best) > 13, "places around the best are looked at too"
 
 
+@pytest.mark.slow
 def test_it_finds_what_a_fine_grid_finds_for_people_alike() -> None:
     """Against the older map by brute force, which settles place by place outward from comfort."""
     problem = load_problem("desk")

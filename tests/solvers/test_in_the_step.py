@@ -185,6 +185,7 @@ def test_who_ends_the_program_within_a_solver_ends_it(
     assert stepper.brake().status == "braking"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["raises", "nothing", "size"])
 def test_a_faulty_solver_is_compared_with_its_fault(
     way: str, monkeypatch: pytest.MonkeyPatch
@@ -236,6 +237,7 @@ def test_every_step_starts_cold(name: str) -> None:
         assert_same(name, stepper.step(postures[i]).twist, alone[i])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_steppers_in_threads_do_not_disturb_each_other(name: str) -> None:
     problem = problem_of("screwing")
@@ -253,6 +255,7 @@ def test_steppers_in_threads_do_not_disturb_each_other(name: str) -> None:
     assert_same(name, together, alone)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_a_replay_in_another_process_gives_the_same_twists(name: str, tmp_path: Path) -> None:
     """Also after another loop with QPs of the same size has left its traces here."""
@@ -279,6 +282,7 @@ def test_a_replay_in_another_process_gives_the_same_twists(name: str, tmp_path: 
     assert_same(name, here, twists)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_a_cold_answer_depends_on_nothing_before(name: str) -> None:
     qps = [qp for qps in samples() for qp, _ in qps]
@@ -291,6 +295,7 @@ def test_a_cold_answer_depends_on_nothing_before(name: str) -> None:
         session[qp.size].solve_qp(qp, warm=True)
 
 
+@pytest.mark.slow
 def test_steppers_made_in_threads_have_solvers_that_live() -> None:
     problem = problem_of("screwing")
 
@@ -304,6 +309,7 @@ def test_steppers_made_in_threads_have_solvers_that_live() -> None:
         assert set(pool.map(run, range(8))) <= {"optimal", "settled"}
 
 
+@pytest.mark.slow
 def test_nobody_elses_lines_are_lost_while_a_loud_solver_runs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -352,6 +358,7 @@ def test_a_bound_that_is_none_is_none(name: str) -> None:
     np.testing.assert_allclose(box, [0.0, -3.0], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_whatever_qpsolvers_offers_goes_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of those not in the package's own table none is installed here: quadprog by another name."""
     qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
@@ -366,6 +373,7 @@ def test_whatever_qpsolvers_offers_goes_by_its_name(monkeypatch: pytest.MonkeyPa
     assert solver_named("newcomer").method == "by qpsolvers"
 
 
+@pytest.mark.slow
 def test_the_same_names_serve_step_and_comparison() -> None:
     for name in installed_solvers():
         assert Stepper(problem_of("desk"), solver=name).step(comfort_of("desk")).status

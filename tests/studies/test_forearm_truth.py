@@ -87,6 +87,7 @@ def test_boxes_are_the_sheet(method):
     assert (reba.assess(everything, method).final >= final).all(), "all else is at its best"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", [Body(), Body.of_stature(1.6)], ids=["1.75", "1.60"])
 def test_witness_is_exact_and_never_above_the_posture_that_the_points_came_from(body):
     postures = random_postures(200, 3)
@@ -103,6 +104,7 @@ def test_witness_is_exact_and_never_above_the_posture_that_the_points_came_from(
     assert (cost <= reba.assess(postures).final).all()
 
 
+@pytest.mark.slow
 def test_method_counts():
     points = forearm_points(random_postures(40, 4))
     lenient = true_cost(points, method=reba.Method(upper_arm_low_deg=44, trunk_upright_deg=19))
@@ -110,6 +112,7 @@ def test_method_counts():
     assert (lenient < true_cost(points)).any()
 
 
+@pytest.mark.slow
 def test_random_search_never_does_better():
     rng, arm = np.random.default_rng(5), arm_of(Body())
     low, high = LOWER[ARM_INDEX], UPPER[ARM_INDEX]

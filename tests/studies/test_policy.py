@@ -43,6 +43,7 @@ def test_algorithm_1_comes_to_the_least_squares_solution():
     assert np.abs(training.policy(q) - closed(q)).max() < 0.08 * np.abs(closed(q)).max()
 
 
+@pytest.mark.slow
 def test_one_small_step_does_not_end_it():
     """A posture whose velocity is right already changes nothing; the report's rule would stop
     there, at theta = 0."""
@@ -102,6 +103,7 @@ def problem():
     return load_problem("screwing")
 
 
+@pytest.mark.slow
 def test_each_posture_is_answered_from_standstill(problem):
     rng = np.random.default_rng(0)
     postures = problem.response.comfort + 0.2 * rng.normal(size=(3, 32))

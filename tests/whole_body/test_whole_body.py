@@ -34,6 +34,7 @@ def without_limits():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "desk", "low_bin"])
 def test_without_limits_of_the_robot_it_is_the_twist_of_the_fast_step(name):
     problem = ergoqp.load_problem(name)
@@ -60,6 +61,7 @@ def near_the_thigh():
     return problem, person, awkward_start(problem, person, 4, 1)
 
 
+@pytest.mark.slow
 def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
     problem, person, posture = near_the_thigh
     careless = WholeBody(problem, posture=posture, distance=None)
@@ -78,6 +80,7 @@ def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
     assert after < before
 
 
+@pytest.mark.slow
 def test_with_noisy_sensors_the_object_keeps_its_speed_and_the_loop_goes_on(near_the_thigh):
     """To keep the distance of a thigh that is seen where it is not, it went at 1.06 times its
     speed; the next step raised."""
@@ -105,6 +108,7 @@ def test_slow_joints_make_a_slower_object_and_are_named(near_the_thigh):
     assert any(step.status == "slower" and "rate of joint" in step.reason for step in trace.steps)
 
 
+@pytest.mark.slow
 def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
     problem, _, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture)
@@ -170,6 +174,7 @@ class ReadOnce:
         return np.array(self.values)
 
 
+@pytest.mark.slow
 def test_what_is_read_is_read_once_and_a_lost_frame_with_a_wrong_mask_is_no_exception(
     near_the_thigh,
 ):
@@ -186,6 +191,7 @@ def test_what_is_read_is_read_once_and_a_lost_frame_with_a_wrong_mask_is_no_exce
         assert whole.step(*arguments, whole.start, **options).status in ("optimal", "recovering")
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_masked_or_nowhere_is_not_known(near_the_thigh):
     problem, _, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture)
@@ -203,6 +209,7 @@ def test_an_arm_that_is_masked_or_nowhere_is_not_known(near_the_thigh):
     assert "arm: joint3 is" in step.reason
 
 
+@pytest.mark.slow
 def test_what_cannot_be_built_is_said_in_one_sentence():
     problem = ergoqp.load_problem("screwing")
     far = np.eye(4)
@@ -263,6 +270,7 @@ def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     assert np.allclose(g, -smoothing * effort * given["previous"], rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_joints_that_the_arm_does_not_use_stay_where_they_are(near_the_thigh):
     problem, _, posture = near_the_thigh
     robot, plain = load_robot("panda"), WholeBody(problem, posture=posture, distance=None)

@@ -18,6 +18,7 @@ from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.starts import awkward_start
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dentist", "low_bin"])
 def test_the_loop_helps_and_meets_no_fault_of_the_robot(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -62,6 +63,7 @@ def test_a_task_that_says_too_little_is_named() -> None:
         person_of_kind("mass", forearm, 0)
 
 
+@pytest.mark.slow
 def test_people_differ_within_what_is_drawn() -> None:
     people = [draw(load_problem("screwing"), seed) for seed in range(60)]
     statures = [person.body.stature for person in people]

@@ -52,6 +52,7 @@ def test_beyond_friction_nobody_asks_the_floor_to_hold() -> None:
     assert 0 < forces[:, 0].sum() < FRICTION * forces[:, 2].sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "way"),
     [

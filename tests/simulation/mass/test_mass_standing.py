@@ -54,6 +54,7 @@ def energy(who: MassHolding) -> float:
     return float(who.data.energy.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_everybody_holds_still_for_twenty_seconds(name: str) -> None:
     problem, person = load_problem(name), drawn(name, seed=5)
@@ -81,6 +82,7 @@ def test_the_ground_carries_the_person_and_nothing_else_does(name: str, soon: No
     np.testing.assert_allclose(who.data.qfrc_actuator[:3], who.force[:3], atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "desk"])
 def test_who_carries_the_box_alone_feels_its_weight(name: str, soon: None) -> None:
     person = drawn(name, seed=1)
@@ -116,6 +118,7 @@ def pushed(who: MassHolding, force: float) -> MassHolding:
     return who
 
 
+@pytest.mark.slow
 def test_a_push_beyond_balance_makes_people_fall(soon: None) -> None:
     who = drawn("screwing").hold(drawn("screwing").comfort)
     gentle, hard = pushed(who, 40.0), pushed(who, 500.0)
@@ -124,6 +127,7 @@ def test_a_push_beyond_balance_makes_people_fall(soon: None) -> None:
     assert hard.fallen
 
 
+@pytest.mark.slow
 def test_who_is_out_of_balance_does_not_rest(soon: None, monkeypatch: pytest.MonkeyPatch) -> None:
     who = drawn("screwing").hold(drawn("screwing").comfort)
     assert who.copy().rest(who.pose)
@@ -178,6 +182,7 @@ def test_a_hand_slips_beyond_its_force_and_not_below(share: float, slips: int) -
     np.testing.assert_allclose(held, min(share, 1.0) * HABITS.slip_force, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_copy_and_another_of_the_same_seed_go_on_bit_for_bit(soon: None) -> None:
     person = drawn("desk", seed=3)
     who = person.hold(person.comfort)

@@ -224,6 +224,7 @@ def test_dead_zone_wakes_up_for_turns() -> None:
         assert (other.posture[trunk] != before[trunk]) == awake
 
 
+@pytest.mark.slow
 def test_stubborn_people_keep_a_favourite_that_others_do_not_have() -> None:
     """Against a follower who would have the same habits, drawn with the same numbers."""
     kept, others = [], []
@@ -307,6 +308,7 @@ def gaze_beyond(person: SoftPerson, held: SoftHolding) -> np.ndarray:
     return asked - np.clip(asked, -RANGE, RANGE)
 
 
+@pytest.mark.slow
 def test_looking_people_see_what_they_do() -> None:
     """The work is within the eyes' range of the head where the neck allows it, and not without."""
     problem, missed = load_problem("screwing"), {}
@@ -357,6 +359,7 @@ def test_trembling_people_tremble_until_they_are_judged_and_read_wrong() -> None
     assert 1 < np.degrees(np.abs(person.senses.bias)).max() <= 8 + 1e-9
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**31), kind=st.sampled_from(SOFT))
 @settings(max_examples=25, deadline=None)
 def test_people_are_drawn_within_what_people_are(seed: int, kind: str) -> None:
@@ -411,6 +414,7 @@ def test_who_stands_is_out_of_balance_beyond_the_feet(
     assert held.unbalanced == bool(falls)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_no_step_leaves_the_ranges_of_the_joints(seed: int) -> None:
@@ -450,6 +454,7 @@ def test_the_gap_is_that_to_the_object_itself_and_soles_that_slide_are_counted()
     assert 0.0 < held.slid < 5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "dentist"])
 def test_a_posture_on_odd_feet_is_brought_down_flat_and_said(name: str) -> None:
     person, problem = soft("follower", name), load_problem(name)
