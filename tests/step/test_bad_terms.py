@@ -290,6 +290,7 @@ def test_a_slope_and_a_cost_ahead_without_a_number_are_named() -> None:
         assert step.reason.startswith(reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["daqp", "osqp"])
 def test_terms_without_a_fault_say_nothing(solver: str) -> None:
     stepper = Stepper(problem_with(limits=[Wall(linear=True), Lean()]), solver=solver)
@@ -299,6 +300,7 @@ def test_terms_without_a_fault_say_nothing(solver: str) -> None:
     assert 0.599 < steps[-1][0] <= 0.6
 
 
+@pytest.mark.slow
 def test_the_compiled_step_brakes_by_the_same_names() -> None:
     wall, cost = Wall(), Pull()
     problem = problem_with(cost=cost, limits=[wall])
@@ -476,6 +478,7 @@ def test_a_cost_that_raises_brakes_and_is_named(solver: str, cost: Any) -> None:
     assert loop(stepper, FORWARD, 30, pose)[-1][1].twist[0] > 0.05
 
 
+@pytest.mark.slow
 def test_an_interrupt_within_a_term_is_no_error_of_it() -> None:
     cost = AsPlain()
     stepper = Stepper(problem_with(cost=cost))
@@ -528,6 +531,7 @@ class DirectInPython(Direct):
         return self._through(super().contact())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["contact", "sensitivity"])
 def test_a_response_that_raises_brakes_and_is_named(which: str) -> None:
     response = DirectInPython(which)
@@ -565,6 +569,7 @@ class WallInPython(Wall):
         return replace(rows, above=rows.above + 1e-9 * self.asked(situation.posture))
 
 
+@pytest.mark.slow
 def test_what_calls_python_where_it_cannot_is_refused() -> None:
     limit = WallInPython()
     rows = replace(limit, linear=True)

@@ -79,6 +79,7 @@ def test_inside_a_cone_hardly_anything_of_a_long_mean_is_inherited(noise_deg: fl
     assert floors(long, -0.4, -0.4)["tool axis"] <= -0.4 - HELD
 
 
+@pytest.mark.slow
 def test_the_model_person_stays_within_the_ends_of_the_joints_and_may_leave_them() -> None:
     """At an end a joint of the model only comes back, and it does come back."""
     stepper, rng, back = (

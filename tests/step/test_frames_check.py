@@ -207,6 +207,7 @@ def test_a_person_who_steps_aside_later_is_doubted_and_not_braked() -> None:
     assert names(away[-1])
 
 
+@pytest.mark.slow
 def test_what_no_usual_error_explains_is_doubted_without_braking() -> None:
     problem, stepper = problem_of("dentist"), stepper_of("dentist")
     stepper.reset()
@@ -244,6 +245,7 @@ def test_after_a_calibration_the_comparison_is_sharp() -> None:
     assert names(led(stepper, posture, shifted(pose, 0, -0.15, 0), 1.0)[-1])
 
 
+@pytest.mark.slow
 def test_a_pose_as_the_robot_reports_it_gives_the_same_twists() -> None:
     problem, posture = problem_of(), at_work(problem_of())
     frames = Frames(

@@ -30,6 +30,7 @@ def test_held_it_comes_to_rest_and_says_so() -> None:
     assert "held" not in stepper.step(posture).reason
 
 
+@pytest.mark.slow
 def test_asked_again_a_guide_is_tried_anew() -> None:
     place = held_pose("screwing")
     place[0, 3] += 0.1

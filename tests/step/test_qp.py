@@ -270,6 +270,7 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
     assert counts[False] > 5
 
 
+@pytest.mark.slow
 def test_the_penalty_is_above_every_multiplier_of_the_step() -> None:
     """Slack stays zero where the rows allow it as long as no multiplier of the problems' own QPs
     comes near the penalty."""

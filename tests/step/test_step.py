@@ -570,6 +570,7 @@ class Nowhere:
         return self.most - ca.norm_2(displacement)
 
 
+@pytest.mark.slow
 def test_an_uncertified_answer_brakes_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, q, pose = (
         plain_of("screwing"),
@@ -834,6 +835,7 @@ def test_the_same_inputs_give_the_same_answers() -> None:
         assert (one.status, one.reason) == (other.status, other.reason)
 
 
+@pytest.mark.slow
 def test_a_log_replays_bit_for_bit() -> None:
     log: list[dict[str, Any]] = []
     steps = walk("dentist", 80, 8, log.append)
@@ -850,6 +852,7 @@ def test_a_log_replays_bit_for_bit() -> None:
         assert (one.status, one.reason, one.margins) == (other.status, other.reason, other.margins)
 
 
+@pytest.mark.slow
 def test_a_log_survives_json() -> None:
     import json
 
@@ -859,6 +862,7 @@ def test_a_log_survives_json() -> None:
     assert [step.twist.tobytes() for step in steps] == [step.twist.tobytes() for step in replayed]
 
 
+@pytest.mark.slow
 def test_a_log_holds_the_periods_that_a_robot_has_ramped_down_by_itself_too() -> None:
     log: list[dict[str, Any]] = []
     stepper, q = (
@@ -895,6 +899,7 @@ def test_a_log_that_raises_is_named_and_tried_again() -> None:
         assert one.twist.tobytes() == other.twist.tobytes()
 
 
+@pytest.mark.slow
 def test_a_log_replays_with_the_period_of_its_loop() -> None:
     log: list[dict[str, Any]] = []
     stepper, q = (
@@ -950,6 +955,7 @@ def test_without_a_pose_it_is_integrated_from_the_last() -> None:
     np.testing.assert_array_equal(stepper.step(q, given).pose, given)
 
 
+@pytest.mark.slow
 def test_speed_does_not_depend_on_the_control_rate() -> None:
     q, reached = near_comfort("screwing", np.random.default_rng(12), 15), []
     for dt in (0.001, 0.005, 0.02):
@@ -1011,6 +1017,7 @@ def test_reset_takes_over_an_object_that_moves(name: str, plain: bool) -> None:
             last, change = step.twist, step.twist - last
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong", [np.full(6, np.nan), np.zeros(5), "fast", [None] * 6, [[1.0], [2.0, 3.0]], 0.1]
 )
@@ -1081,6 +1088,7 @@ def test_brake_repeated_comes_to_rest_in_time_and_stays_there_until_a_step_goes_
         assert np.all(np.abs(step.twist) <= limit.acceleration * 0.01 + 1e-12)
 
 
+@pytest.mark.slow
 def test_brake_keeps_the_workspace_and_a_step_goes_on_from_there() -> None:
     problem, stepper = problem_of("screwing"), bold_stepper("screwing")
     box, limit = problem.limit_of(WorkspaceBox), problem.twist_limit
@@ -1130,6 +1138,7 @@ def test_brake_after_the_robots_own_ramp_is_brake_called_meanwhile(elapsed: floa
     np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.01, 0.05])
 def test_a_robot_that_followed_the_stop_by_itself_is_where_it_was_led(dt: float) -> None:
     """Each piece of three periods was held at its last twist: the pose was off by up to 8 mm."""
@@ -1155,6 +1164,7 @@ def test_a_robot_that_has_ramped_down_for_long_stands_still(elapsed: float) -> N
     assert not moving_stepper().brake(elapsed=elapsed).twist.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [float("nan"), -1.0, "soon", None, np.zeros(3), object()])
 def test_brake_never_raises(value: Any) -> None:
     """What is no number of seconds is none, by name; what is no period is the loop's."""

@@ -65,6 +65,7 @@ def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_without_a_place_it_is_the_same_step_to_the_last_bit(name: str) -> None:
     stepper = guided_stepper(name)
@@ -347,6 +348,7 @@ def test_a_place_that_was_found_for_something_else_is_refused(
 # --- state ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_guided_log_replays_bit_for_bit() -> None:
     import json
 
@@ -374,6 +376,7 @@ def test_reset_keeps_the_place_and_forgets_the_trial() -> None:
     assert [stepper.step(q) for _ in range(5)][-1].twist.tobytes() == first.twist.tobytes()
 
 
+@pytest.mark.slow
 def test_compiled_it_is_led_alike() -> None:
     from ergoqp.native.compiler import CompilerError, compiler
 

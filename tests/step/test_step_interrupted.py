@@ -159,6 +159,7 @@ def test_before_any_line_it_leaves_the_stepper_as_before_or_as_after_the_call(na
     assert lines > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["step", "brake", "brake after a ramp", "stop"])
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_signal_that_raises_counts_as_no_call(call: str, compiled: bool) -> None:

@@ -27,6 +27,7 @@ from ergoqp.step.stepper import Stepper
 WAITS = "at rest after a fault of the robot, until a pose is measured or try_again() is called"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [RobotKind(delay=0.02), RobotKind(lag=0.02)], ids=["delay", "lag"])
 def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: RobotKind) -> None:
     """What it did later, beyond what was sent just then, was not believed: 8 mm outside within a
@@ -89,6 +90,7 @@ def lies(kind: str, mover: SimulatedRobot, rng: np.random.Generator) -> np.ndarr
 LIES = ("in the tool's frame", "half", "lost samples", "a bias", "in steps")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("acknowledged", [False, True])
 @pytest.mark.parametrize("lie", LIES)
 def test_a_wrong_twist_never_leads_an_ideal_robot_out(lie: str, acknowledged: bool) -> None:
@@ -266,6 +268,7 @@ def test_an_object_that_may_be_outside_of_its_cone_moves_on_but_no_further_out(
     assert least >= inside - 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [40, 60, 80, 100])
 @pytest.mark.parametrize("lag", [0.1, 0.2])
 def test_how_a_lagging_robot_goes_on_while_a_call_is_late_is_no_fault_when_it_reports_its_twist(

@@ -77,6 +77,7 @@ CONTROLS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "control", CONTROLS, ids=["default", "no filter, soon tired", "narrow", "at once"]
 )

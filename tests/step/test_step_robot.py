@@ -42,6 +42,7 @@ def braked(stepper: Stepper, pose: np.ndarray) -> np.ndarray:
     return pose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dentist", "screwing"])
 @pytest.mark.parametrize("gain_error", [0.0, 0.1])
 def test_one_declared_hold_of_any_twist_leaves_the_object_inside(

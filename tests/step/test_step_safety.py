@@ -162,6 +162,7 @@ def sensitive_step(name: str) -> ca.Function:
     return build_step(problem_of(name), Sensitive())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dentist", "screwing"])
 @given(data=st.data())
 @settings(deadline=None, max_examples=60)
@@ -307,6 +308,7 @@ class Loop:
         }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose", [True, False])
 @pytest.mark.parametrize("noise", [0.05, 0.2])
 def test_noise_of_the_reported_speed_neither_speeds_the_object_up_nor_is_a_fault(
@@ -345,6 +347,7 @@ def test_a_robot_that_is_faster_than_sent_stays_within_its_speed_and_is_named() 
         ), loop.faults()
 
 
+@pytest.mark.slow
 def test_a_robot_that_lags_comes_no_further_out_with_its_twist_reported_than_without() -> None:
     """50 ms of lag put the object 145 mm out of its box with ``twist=``, 4 mm without."""
     furthest = {}
@@ -355,6 +358,7 @@ def test_a_robot_that_lags_comes_no_further_out_with_its_twist_reported_than_wit
     assert furthest[True] <= max(furthest[False], 0) + 1e-3
 
 
+@pytest.mark.slow
 def test_a_knee_that_is_read_beyond_its_range_drives_nothing() -> None:
     """At -2.1 deg it drove the object 0.9 m in 20 s, at -1.9 deg not at all."""
     knee, travelled = INDEX["right_knee_flexion"], {}
@@ -496,6 +500,7 @@ def test_a_robot_that_is_declared_to_hold_for_longer_is_allowed_that_period() ->
     assert "dt is 0.201 s, allowed 0.2 s" in stepper.step(q, dt=0.201).reason
 
 
+@pytest.mark.slow
 def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
     from ergoqp.limits import AxisCone, JointLimit
 

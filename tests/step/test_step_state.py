@@ -42,6 +42,7 @@ def test_from_a_state_the_loop_goes_on_as_it_did(kind: str) -> None:
     np.testing.assert_array_equal(one.brake().twist, other.brake().twist)
 
 
+@pytest.mark.slow
 def test_it_is_the_state_of_the_function() -> None:
     problem, posture = problem_of("screwing"), near_comfort("screwing", np.random.default_rng(1))
     stepper, state = Stepper(problem), ergoqp.initial_state(problem)
@@ -75,6 +76,7 @@ def _with_fault(state: np.ndarray, code: float) -> np.ndarray:
     return changed
 
 
+@pytest.mark.slow
 def test_hold_is_a_part_of_it() -> None:
     stepper, other = Stepper(problem_of("screwing")), Stepper(problem_of("screwing"))
     free = stepper.state()

@@ -19,6 +19,7 @@ EXAMPLE = DeclaredRobot(
 """That of docs/loop.md, without its hold."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("declared", "gain"),
     [
@@ -105,6 +106,7 @@ def test_an_error_about_a_slanted_axis_is_as_large_as_one_about_a_straight_axis(
     assert soon[1] <= 1.3 * soon[0]
 
 
+@pytest.mark.slow
 def test_noise_that_keeps_to_its_ends_is_no_fault() -> None:
     declared = DeclaredRobot(lag=0.05, gain_error=0.02, pose_noise=0.001, pose_noise_deg=0.5)
     stepper = Stepper(driven_problem(declared))

@@ -99,6 +99,7 @@ def tilted(rng: np.random.Generator, least: float, most: float) -> np.ndarray:
 CONE = AxisCone(direction=(1, 0, 0), half_angle_deg=20)
 
 
+@pytest.mark.slow
 def test_what_a_rising_mean_adds_leads_no_further_out_than_believed() -> None:
     """Cut off axis by axis it led elsewhere: 1.5e-7 rad out across the slope, 1e-3 rad at worst."""
     rng, most = np.random.default_rng(3), np.array([0, 0, 0, 0.0012, 0.0012, 0.0012])
@@ -143,6 +144,7 @@ def test_a_row_of_two_axes_counts_on_no_axis_to_make_up_for_the_other() -> None:
         assert bound == pytest.approx(-0.1 * rate - min(0.045 * rate, 0.002))
 
 
+@pytest.mark.slow
 def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_free() -> None:
     rng, shares = np.random.default_rng(4), []
     for _ in range(100):
@@ -250,6 +252,7 @@ def test_a_mean_of_turns_about_changing_axes_leads_no_further_out_than_believed(
     assert np.median(nearest) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inside", [0.0, 1e-3])
 def test_with_a_long_mean_the_object_does_not_creep_out_of_a_wide_cone(inside: float) -> None:
     """Every twist inherited how badly braking might end by what is not known, step after step:

@@ -60,6 +60,7 @@ def test_a_robot_less_late_than_declared_stays_inside_while_its_pose_is_lost(
     assert nearest > -0.003
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_again(
     share: float,
@@ -291,6 +292,7 @@ def test_a_turning_creep_is_named_soon(noise_deg: float) -> None:
     assert noise_deg <= np.degrees(crept[5]) <= 1.3 * (1 + np.sqrt(3)) * noise_deg + 0.3
 
 
+@pytest.mark.slow
 def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() -> None:
     """A drift sideways of 1.8 % of the way was taken for a gain error of 2 %: 60 mm in 20 s."""
     problem, pose = (
@@ -324,6 +326,7 @@ def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() ->
     assert 0.0 not in named
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "declared",
     [DeclaredRobot(), DeclaredRobot(lag=0.05), DeclaredRobot(longest_hold=0.6)],
@@ -394,6 +397,7 @@ def test_noise_is_what_scatters_and_not_what_goes_on_or_changes_steadily() -> No
         assert np.all(blur_of(executed)[:, 1] <= (first * 0.01) ** 2 / 3 * 1.001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mm", "deg"), [(0.5, 0.0), (0.0, 0.3), (3.0, 1.0)])
 def test_noise_that_is_not_declared_has_one_sentence_with_what_to_declare(
     mm: float, deg: float

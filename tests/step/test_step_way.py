@@ -242,6 +242,7 @@ def lands(problem: Problem, history: np.ndarray, unsure: np.ndarray | None = Non
     return model.under_way.split(np.array(found).ravel())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain_error", [0.0, 0.1])
 def test_a_hold_on_to_what_left_the_history_fades_with_the_lag(gain_error: float) -> None:
     """A twist of one period that was held on to: of its v h the robot still owes v tau (1 - exp(-h

@@ -39,6 +39,7 @@ def test_it_is_what_brake_returns_until_the_object_stands(average: float | None)
     np.testing.assert_array_equal(ahead, [stepper.brake().twist for _ in ahead])
 
 
+@pytest.mark.slow
 def test_nothing_changes_by_asking_for_it() -> None:
     log: list = []
     asked, other = moving(None, log), moving(None)
@@ -50,6 +51,7 @@ def test_nothing_changes_by_asking_for_it() -> None:
     assert len(log) == entries + 1
 
 
+@pytest.mark.slow
 def test_at_rest_it_is_one_zero() -> None:
     stepper = ergoqp.Stepper(ergoqp.load_problem("screwing"))
     np.testing.assert_array_equal(stepper.stop(), np.zeros((1, 6)))
@@ -101,6 +103,7 @@ def test_in_closed_form_it_is_what_brake_returns(
     assert moving > 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_compiled_it_is_in_closed_form_except_along_a_surface() -> None:
     fast = Stepper(problem_of("screwing"), compiled=True)

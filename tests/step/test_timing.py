@@ -89,6 +89,7 @@ def test_nothing_is_compiled_that_was_not_asked_for(monkeypatch: pytest.MonkeyPa
     benchmark_step(problem_of("forearm"), steps=1)
 
 
+@pytest.mark.slow
 def test_its_times_add_up() -> None:
     times = benchmark_step(problem_of("forearm"), steps=10)
     assert isinstance(times, StepTimes)
@@ -112,6 +113,7 @@ def test_what_it_cannot_measure_is_one_sentence(given: dict[str, Any], sentence:
         benchmark_step(**{"problem": problem_of("screwing"), **given})
 
 
+@pytest.mark.slow
 def test_a_step_after_its_deadline_brakes_and_says_so() -> None:
     log: list = []
     stepper = Stepper(problem_of("screwing"), deadline=0.05, log=log.append)
@@ -143,6 +145,7 @@ def test_a_step_after_its_deadline_brakes_and_says_so() -> None:
     assert "deadline" not in stepper.step(POSTURE).reason
 
 
+@pytest.mark.slow
 def test_a_deadline_counts_from_the_call_and_only_if_there_is_one() -> None:
     assert "deadline" not in Stepper(problem_of("screwing")).step(Slow(0.02)).reason
     stepper = Stepper(problem_of("screwing"), deadline=1e-5)
