@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from step_samples import Held, comfort_of, held_pose, near_comfort, problem_of
 
 from ergoqp.step.guide.place import Guide
