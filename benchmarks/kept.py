@@ -1,4 +1,7 @@
-"""Long runs that go on where they were ended, as long as the commit is the same."""
+"""Long runs that go on where they were ended, as long as the commit is the same.
+
+What is kept is unpickled, which can run code: the folder must be yours alone.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,18 @@ def kept_folder(report: Report, name: str) -> Path | None:
     """Return where a run keeps what it found at this commit; None without ``--keep``."""
     if report.keep is None:
         return None
-    command = ["git", "rev-parse", "--short=12", "HEAD"]
-    commit = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    if _git("status", "--porcelain", "--untracked-files=no"):
+        raise SystemExit("--keep: files differ from the last commit, so commit them or go without")
     size = "full" if report.full else "quick"
-    place = report.keep.resolve() / f"{name}-{size}-{commit.strip()}"
+    place = report.keep.resolve() / f"{name}-{size}-{_git('rev-parse', '--short=12', 'HEAD')}"
     place.mkdir(parents=True, exist_ok=True)
     return place
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", *arguments]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    return done.stdout.strip()
 
 
 class KeptPool(ProcessPoolExecutor):
