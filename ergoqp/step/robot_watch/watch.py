@@ -161,7 +161,7 @@ def _compared(model: StepModel) -> ca.Function:
     parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
-    apart, least, most = now["apart"] + went - done, ca.SX(now["least"]), ca.SX(now["most"])
+    apart, least, most = now["apart"] + went - done, now["least"], now["most"]
     block, gone, slip = {}, ca.SX(6, 1), ca.SX(6, 1)
     if robot.longest_hold and not robot.owes:
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
@@ -206,14 +206,12 @@ def _compared(model: StepModel) -> ca.Function:
     if "turned" in sizes:
         below[3:], above[3:] = _in_axes(sent, below[3:], above[3:])
         if robot.owes:
-            grown = sent.T @ _area(now, done)
             if robot.gain_error:
-                # What is owed, and the area, are those of a robot that is turned by the difference.
-                aside = _aside(ca.fmax(below[3:], above[3:]), apart[3:])
+                # What is owed is that of a robot that is turned by the difference.
+                aside = _mixed(ca.fmax(below[3:], above[3:]), apart[3:])
+                aside = aside / 2 + _mixed(aside, apart[3:]) / 11
                 below[3:], above[3:] = below[3:] + aside, above[3:] + aside
-                aside = stretch**2 * _aside(grown, apart[3:])
-                least[3:], most[3:] = least[3:] - aside, most[3:] + aside
-            block["area"] = now["area"] + grown
+            block["area"] = now["area"] + sent.T @ _area(now, done)
             drift = stretch**2 * block["area"]
             # One after the other, what is owed and this drift add up but for their cross product.
             mixed = _mixed(ca.fmax(below[3:], above[3:]), drift) / 2
@@ -336,12 +334,6 @@ def _spread(turn: ca.SX, apart: ca.SX) -> ca.SX:
     """
     aside = ca.cross(apart, turn)
     return ca.fabs(turn) + ca.fabs(aside) / 2 + ca.fabs(ca.cross(apart, aside)) / 11
-
-
-def _aside(turn: ca.SX, apart: ca.SX) -> ca.SX:
-    """Return the size per axis of what `_spread` adds to a turn of this size (3,)."""
-    aside = _mixed(turn, apart)
-    return aside / 2 + _mixed(aside, apart) / 11
 
 
 def _mixed(one: ca.SX, other: ca.SX) -> ca.SX:
