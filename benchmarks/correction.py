@@ -33,7 +33,7 @@ from benchmarks.people_unit import controller_of, way_of
 from benchmarks.report import Report, run
 from ergoqp.problem_files.load import TASKS
 from ergoqp.seeking import Seeker
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 
 WAYS = ("descent", "own", "seek", "seek_own", "seek_swapped", "still")

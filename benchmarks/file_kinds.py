@@ -220,7 +220,7 @@ def ledgers(folder: Path) -> Kind:
 
 def optima(folder: Path) -> Kind:
     """Optima, and the guides that they are read as."""
-    from ergoqp.step.guide.place import read_guide
+    from ergoqp.step.guide import read_guide
 
     problem = load_problem("screwing")
     best = optimise(problem, problem.response.comfort, starts=1, seed=0)  # pyright: ignore

@@ -53,7 +53,7 @@ from ergoqp.simulation.people.person import Holding, Person
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.step import frames_check
-from ergoqp.step.answer.causes import Cause
+from ergoqp.step.causes import Cause
 from ergoqp.step.stepper import Step, Stepper
 
 FIRST = 1000

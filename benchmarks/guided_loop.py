@@ -54,7 +54,7 @@ from ergoqp.seeking import Seeker
 from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.loop import Trace
 from ergoqp.simulation.people.alike import Start, sample_person
-from ergoqp.step.guide.trial import BACK, THERE
+from ergoqp.step.rest import BACK, THERE
 from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 20

@@ -23,7 +23,7 @@ import numpy as np
 
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.problem import Problem
-from ergoqp.step.program.data import qp_data
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body.formulation import SETTINGS, SOLVER, Formulation
 from ergoqp.whole_body.limits import ArmBounds, ProblemRows, TwistBounds

@@ -90,7 +90,7 @@ PINNED: Final = "tests/step/test_pinned.py"
 READS: Final = {
     "ergoqp/sheets/reba.toml": "ergoqp/sheets/look_up.py",
     "ergoqp/sheets/interval.toml": "ergoqp/sheets/interval.py",
-    "ergoqp/step/answer/causes.py": "ergoqp/step/answer/reasons.py",
+    "ergoqp/step/causes.py": "ergoqp/step/answer.py",
 }
 """Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""
 

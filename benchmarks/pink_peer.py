@@ -21,7 +21,7 @@ from benchmarks.mink_peer import ArmColumns, Call, PeerTimes, resting, timed
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.paths import data_folder
 from ergoqp.problem.problem import Problem
-from ergoqp.step.program.data import qp_data
+from ergoqp.step.qp import qp_data
 from ergoqp.whole_body.formulation import SETTINGS, SOLVER
 from ergoqp.whole_body.limits import ArmBounds, ProblemRows, TwistBounds
 from ergoqp.whole_body.scene import default_tool_frame

@@ -64,7 +64,7 @@ from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Array, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.qp import TOLERANCE, build_qp
+from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.stepper import Stepper
 
 PROBLEMS = (*TASKS, "screwing_learned", "forearm")

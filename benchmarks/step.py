@@ -55,7 +55,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people.alike import sample_person
-from ergoqp.step.program.data import qp_data
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.timing import benchmark_step
 

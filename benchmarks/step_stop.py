@@ -14,9 +14,9 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.seeking.thought import a_place
+from ergoqp.step.certification import longest_stop, stop_function
 from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.stopping import longest_stop, stop_function
 
 _TIMED = """
 #define _POSIX_C_SOURCE 199309L

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ergoqp.seeking.seeker import Seeker as Seeker
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
-    from ergoqp.step.answer.step import Step as Step
+    from ergoqp.step.answer import Step as Step
     from ergoqp.step.function import step_function as step_function
     from ergoqp.step.replay import replay as replay
     from ergoqp.step.state import initial_state as initial_state
@@ -49,7 +49,7 @@ _LATER = {
     "Frames": "ergoqp.problem.frames",
     "Problem": "ergoqp.problem.problem",
     "Seeker": "ergoqp.seeking.seeker",
-    "Step": "ergoqp.step.answer.step",
+    "Step": "ergoqp.step.answer",
     "Stepper": "ergoqp.step.stepper",
     "benchmark_step": "ergoqp.step.timing",
     "calibrate_frames": "ergoqp.identification.calibrate",

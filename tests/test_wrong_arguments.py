@@ -38,7 +38,7 @@ from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.function import step_function
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import WholeBody
 

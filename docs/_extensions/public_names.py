@@ -22,7 +22,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.identification.calibrate.CalibratedFrames",
         "ergoqp.Stepper",
         "ergoqp.Step",
-        "ergoqp.step.answer.causes.Status",
+        "ergoqp.step.causes.Status",
         "ergoqp.step_function",
         "ergoqp.initial_state",
         "ergoqp.replay",

@@ -28,10 +28,9 @@ from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.sequence import Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.solver import NumericFunction, numeric
-from ergoqp.step.function import build_step
-from ergoqp.step.inputs import INPUTS, OUTPUTS
+from ergoqp.step.function import INPUTS, OUTPUTS, build_step
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.qp import TOLERANCE
+from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
 STILL: Final = 1.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer.amiss import PARTS
+from ergoqp.step.margins import PARTS
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,11 @@ from ergoqp.native.daqp import (
     sizes_source,
 )
 from ergoqp.problem.problem import Problem
+from ergoqp.step.certification import longest_stop
 from ergoqp.step.function import build_step
-from ergoqp.step.guide.place import read_guide
-from ergoqp.step.guide.trial import UNKNOWN
+from ergoqp.step.guide import read_guide
 from ergoqp.step.model import StepModel
-from ergoqp.step.stopping import longest_stop
+from ergoqp.step.rest import UNKNOWN
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""

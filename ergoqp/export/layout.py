@@ -9,20 +9,16 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.export.fields import input_fields, members, output_fields
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer.amiss import PARTS
-from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.causes import Cause, Fault, Status
+from ergoqp.step.certification import longest_stop
 from ergoqp.step.frames_check import DOUBTED, FRAMES
-from ergoqp.step.guide.place import Guide
-from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS
-from ergoqp.step.guide.trial import FIRM, TRIAL, UNKNOWN
-from ergoqp.step.inputs import INPUTS, OUTPUTS
+from ergoqp.step.function import INPUTS, OUTPUTS
+from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide
+from ergoqp.step.layout import ASTRAY, CLOCK_ROUNDING, SHORTEST_DT, count
+from ergoqp.step.margins import PARTS
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count
-from ergoqp.step.robot_watch.faults import Fault
-from ergoqp.step.robot_watch.memory import ASTRAY
+from ergoqp.step.rest import FIRM, TRIAL, UNKNOWN
 from ergoqp.step.state import state_at_start
-from ergoqp.step.stopping import longest_stop
-from ergoqp.step.under_way.history import CLOCK_ROUNDING, SHORTEST_DT
 
 _GUIDE_VALUES = f"""
 /* Promises for ergoqp_guide: the cost there is unknown; the caller judges the place. */

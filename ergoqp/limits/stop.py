@@ -22,7 +22,7 @@ class Stop:
     If the mean of the plan over the last W seconds is sent instead, the plan is linear between the
     last twist and this one. The object then moves by u (dt / 2 + t_b / 2): half of this period
     belongs to u, and the stop follows. What was planned before is already under way
-    (`ergoqp.step.under_way.motion`). Two parts are added:
+    (`ergoqp.step.delay`). Two parts are added:
 
     - The robot holds the mean of the end of a period during the whole period. While the mean rises,
       this is too much, by at most h times the rise, for periods up to h. The rise without u is

@@ -20,11 +20,10 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.seeking.thought import Thought, a_place, can_think
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
-from ergoqp.step.guide.place import Guide, read_guide
-from ergoqp.step.guide.trial import BACK, LOOK, THERE
+from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.model import stand_in
-from ergoqp.step.stepper import Step, Stepper
-from ergoqp.step.user_values import number, truth
+from ergoqp.step.rest import BACK, LOOK, THERE
+from ergoqp.step.stepper import Step, Stepper, number, truth
 
 NOISE_DEG: Final = 2.0
 """Scale of the smooth score of a measured posture [deg]: remaining noise and variation at rest."""

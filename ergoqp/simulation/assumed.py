@@ -11,7 +11,7 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.people.person import Person
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 
 _MANY = 6
 """Largest number of joints with wrong readings that are named one by one."""

@@ -24,7 +24,7 @@ from ergoqp.problem.way import pose_error, turn_between, turned
 from ergoqp.problem.workspace import frame_of
 from ergoqp.simulation.people.body_tasks import BodyTasks
 from ergoqp.simulation.people.grasp import Work
-from ergoqp.step.answer.step import Step
+from ergoqp.step.answer import Step
 
 AHEAD = 0.40
 """Distance of the object in front of the shoulder in the rule of thumb [m]."""

@@ -17,7 +17,7 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.seeking.tries import Try
 from ergoqp.sheets.reba import Assessment
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from ergoqp.simulation.people.person import Holding, Person
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
-from ergoqp.step.guide.place import read_guide
+from ergoqp.step.guide import read_guide
 from ergoqp.step.stepper import Stepper
 
 _SOLVER = "daqp"
@@ -77,7 +77,7 @@ def simulate(
         progress: called from time to time with the share that is done.
         guide: a better place, to which the object travels where descent comes to rest: the
             optimum of `ergoqp.optimise` or a pose (4, 4), see
-            `ergoqp.step.guide.place.read_guide`; None: descent only.
+            `ergoqp.step.guide.read_guide`; None: descent only.
         seek: places that the loop tries after descent; it keeps the one with the lowest
             measured score, see `ergoqp.Seeker`; None: no places are tried. It cannot be
             combined with a guide.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ctypes
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import casadi as ca
@@ -12,14 +13,15 @@ from ergoqp.expressions.linear import by_name, dense, is_set, largest, smallest
 from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import on_surface
+from ergoqp.native.compiler import shared_library
+from ergoqp.native.daqp import c_text
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.guide.trial import trial_update
+from ergoqp.step.margins import Margins, situations_of, smallest_margins
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.bounds import MOVES, bends, patience
-from ergoqp.step.program.margins import Margins, situations_of, smallest_margins
-from ergoqp.step.program.qp import TOLERANCE
-from ergoqp.step.rest import rest_update
+from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.rest import rest_update, trial_update
+from ergoqp.step.rows import MOVES, bends, patience
 
 HELD: Final = 1e-12
 """Rounding error of a margin; far below what could add up over a day of steps [m, rad]."""
@@ -64,7 +66,7 @@ _JOURNEY: Final = ("promise", "value", "trial", "distance", "on")
 def judge_function(model: StepModel) -> ca.Function:
     """Return what the object should do by this answer, and whether this is certified unchanged.
 
-    With a guide, the trial of the place is updated too, see `ergoqp.step.guide.pull`.
+    With a guide, the trial of the place is updated too, see `ergoqp.step.guide`.
 
     Returns:
         Function ``(...) -> (wanted, brake, now, ahead, solved, outside, next_rest, whole,
@@ -253,3 +255,43 @@ def _moves(problem: Problem, margins: Margins) -> ca.MX:
     """Return whether some twist that the object can do moves each row."""
     free = ca.DM(problem.twist_limit.speed > 0)
     return ca.vertcat(*(ca.fabs(matrix) @ free > MOVES for matrix in margins.matrices))
+
+
+_SOURCE = """#include "stop.h"
+int ergoqp_stop(const double* history, int planned, int sent, double average, double dt,
+                const double* acceleration, double (*twists)[6], int most) {
+    return ergoqp_stop_twists(history, planned, sent, average, dt, acceleration, twists, most);
+}
+"""
+
+
+def longest_stop(model: StepModel) -> int:
+    """Return the largest number of twists of a stop, the last one zero."""
+    problem = model.problem
+    return int(np.floor(problem.stop.duration / problem.dt * (1 + 1e-9))) + 2
+
+
+def stop_function(model: StepModel) -> Callable[[np.ndarray], np.ndarray]:
+    """Return ``state (n,) -> twists (k, 6)`` [m/s, rad/s], one per period of the problem.
+
+    They are those of braking period by period, up to rounding. The problem must have no surface.
+
+    Raises:
+        CompilerError: if there is no C compiler, or it fails.
+    """
+    library = shared_library("stop", {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}, [], [])
+    call = ctypes.CDLL(str(library)).ergoqp_stop
+    call.restype, numbers = ctypes.c_int, ctypes.POINTER(ctypes.c_double)
+    call.argtypes = [numbers, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]
+    call.argtypes += [numbers, numbers, ctypes.c_int]
+    problem, history, most = model.problem, model.history, longest_stop(model)
+    acceleration = np.array(problem.twist_limit.acceleration, dtype=float)
+    limits = acceleration.ctypes.data_as(numbers)
+    fixed = (history.planned, history.sent, problem.average, problem.dt, limits)
+
+    def stop(state: np.ndarray) -> np.ndarray:
+        twists = np.empty((most, 6))
+        given, found = (array.ctypes.data_as(numbers) for array in (state, twists))
+        return twists[: call(given, *fixed, found, most)]
+
+    return stop

@@ -20,7 +20,7 @@ import numpy as np
 
 from ergoqp.expressions.linear import dense
 from ergoqp.problem.problem import Problem
-from ergoqp.step.packing import Sizes
+from ergoqp.step.layout import Sizes
 
 PERIOD: Final = 0.2
 """Time between two comparisons [s]."""

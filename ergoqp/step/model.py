@@ -16,14 +16,10 @@ from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
 from ergoqp.step.frames_check import FRAMES
-from ergoqp.step.guide.trial import TRIAL
-from ergoqp.step.packing import Sizes, count, places
-from ergoqp.step.program.bounds import limit_values, movable_rows
-from ergoqp.step.rest import STATES
-from ergoqp.step.robot_watch.memory import ASTRAY, watch_blocks
+from ergoqp.step.layout import ASTRAY, History, Sizes, WayLayout, count, places, watch_blocks
+from ergoqp.step.rest import STATES, TRIAL
+from ergoqp.step.rows import limit_values, movable_rows
 from ergoqp.step.spare import NoResponse, calls_python
-from ergoqp.step.under_way.history import History
-from ergoqp.step.under_way.parts import WayLayout
 
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 """Landing pose, and the data at the start of the present period."""

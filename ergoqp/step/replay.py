@@ -10,8 +10,8 @@ from ergoqp.arguments import as_tuple, check_kind, shown
 from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver
-from ergoqp.step.answer.step import Step
-from ergoqp.step.guide.place import RECORDED
+from ergoqp.step.answer import Step
+from ergoqp.step.guide import RECORDED
 from ergoqp.step.stepper import Stepper
 
 

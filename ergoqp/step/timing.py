@@ -17,9 +17,9 @@ from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.daqp import ITERATIONS, in_step
 from ergoqp.step.function import build_step
-from ergoqp.step.guide.place import RECORDED
+from ergoqp.step.guide import RECORDED
 from ergoqp.step.model import StepModel, stand_in
-from ergoqp.step.program.locking import PASSES
+from ergoqp.step.qp import PASSES
 from ergoqp.step.stepper import Stepper
 
 LARGEST_ITERATIONS: Final = PASSES * ITERATIONS

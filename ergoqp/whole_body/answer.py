@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ergoqp.step.answer.step import Step
+from ergoqp.step.answer import Step
 
 
 @dataclass(frozen=True)

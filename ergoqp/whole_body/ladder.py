@@ -6,7 +6,7 @@ import numpy as np
 
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.answer.step import Step
+from ergoqp.step.answer import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.moment import Moment

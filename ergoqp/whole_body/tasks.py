@@ -50,7 +50,7 @@ class ErgonomicTask(_MomentTask):
     It is T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
 
     B is the Gauss-Newton curvature of V, kept finite near the smallest cost by the step's caution,
-    see `ergoqp.step.program.objective`. It acts on the unknowns of the posture. The tie transfers
+    see `ergoqp.step.objective`. It acts on the unknowns of the posture. The tie transfers
     it to the object through S.
     """
 

@@ -18,11 +18,10 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
-from ergoqp.step.answer.step import Step
+from ergoqp.step.answer import Step
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import QP_DATA, movable_names, qp_data
-from ergoqp.step.program.objective import CAUTION_EPS, cost_function
-from ergoqp.step.program.qp import build_qp
+from ergoqp.step.objective import CAUTION_EPS, cost_function
+from ergoqp.step.qp import QP_DATA, build_qp, movable_names, qp_data
 
 SAME: Final = 1e-6
 """Twists this close to each other count as equal [m/s, rad/s]."""
@@ -48,7 +47,7 @@ def person_of(problem: Problem) -> IkResponse:
 def terms_function(problem: Problem) -> ca.Function:
     """Return everything that the whole-body QP takes from the control step, as one function.
 
-    Its inputs are those of `ergoqp.step.program.data.qp_data`. In addition to the data of that
+    Its inputs are those of `ergoqp.step.qp.qp_data`. In addition to the data of that
     function it returns
 
     - ``slope`` (32,): T dV/dq, the slope of the cost for each joint [points s/rad];

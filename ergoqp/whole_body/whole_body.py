@@ -16,7 +16,7 @@ from ergoqp.arguments import check_number
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer.step import Step
+from ergoqp.step.answer import Step
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.formulation import Formulation

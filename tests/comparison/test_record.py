@@ -17,8 +17,8 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.responses import LinearResponse
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.step.layout import split
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import split
 
 
 @cache

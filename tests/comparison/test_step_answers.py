@@ -18,7 +18,7 @@ from ergoqp.solvers import SOLVERS, solver_named
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.qp import TOLERANCE, build_qp
+from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.stepper import Stepper
 
 

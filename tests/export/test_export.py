@@ -18,7 +18,7 @@ from ergoqp.errors import InputError
 from ergoqp.export.example import example_start, start_header
 from ergoqp.export.folder import export_step
 from ergoqp.export.layout import c_string, header
-from ergoqp.step.answer.causes import Status
+from ergoqp.step.causes import Status
 from ergoqp.step.frames_check import DOUBTED
 from ergoqp.step.stepper import Stepper
 

@@ -18,8 +18,8 @@ from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step.answer.causes import Status
-from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.causes import Status
+from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")

@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.limits import Rows, Situation, TwistLimit
 from ergoqp.limits.stop import Stop
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.bounds import movable_rows, no_further, row_bounds
+from ergoqp.step.rows import movable_rows, no_further, row_bounds
 
 SIZES = {
     "posture": (32, 1),

@@ -21,11 +21,11 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.guide.place import Guide
-from ergoqp.step.guide.trial import THERE, TRIAL
+from ergoqp.step.delay import _hard_rows
+from ergoqp.step.guide import Guide
 from ergoqp.step.model import StepModel
+from ergoqp.step.rest import THERE, TRIAL
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.under_way.landing import _hard_rows
 
 REGIONS = {
     "half_space": HalfSpace((1, -2, 0.5), 0.1),
@@ -147,7 +147,7 @@ def journey(
     goal = begin.copy()
     goal[:3, 3] += GOAL
     stepper = Stepper(base, guide=Guide(goal, -100.0))
-    # On the journey at once, see `ergoqp.step.guide.trial.TRIAL`.
+    # On the journey at once, see `ergoqp.step.rest.TRIAL`.
     state = stepper.state()
     state[-TRIAL:][:5] = THERE, 0.0, 0.0, 5.0, 1e9
     stepper.restore(state)

@@ -14,7 +14,7 @@ from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.stop import Stop
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.bounds import (
+from ergoqp.step.rows import (
     CLEARANCE,
     ELBOW,
     STEADY_RETURN,

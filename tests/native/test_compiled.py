@@ -20,7 +20,7 @@ from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import CompilerError, shared_library
 from ergoqp.native.daqp import NativeDaqp
 from ergoqp.solvers import solver_named
-from ergoqp.step.program.qp import TOLERANCE
+from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(

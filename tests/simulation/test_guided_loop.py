@@ -15,7 +15,7 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.people.alike import Alike, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.step.guide.place import read_guide
+from ergoqp.step.guide import read_guide
 
 THERE, WAITING = "drawn toward the given place", "at the given place, waiting for the person"
 BACK = "drawn back to where it was better than at the given place"

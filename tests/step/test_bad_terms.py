@@ -20,9 +20,9 @@ from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.step.certification import _shorten_function
 from ergoqp.step.function import step_function
+from ergoqp.step.margins import Margins, smallest_margins
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import qp_data
-from ergoqp.step.program.margins import Margins, smallest_margins
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 
 SOLVERS = ("daqp", "osqp", "highs")

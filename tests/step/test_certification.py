@@ -16,7 +16,7 @@ from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.answer.accounting import _rate_excess
+from ergoqp.step.answer import _rate_excess
 from ergoqp.step.certification import (
     GIVES_WAY,
     HELD,

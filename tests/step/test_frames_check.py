@@ -14,7 +14,7 @@ from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step.answer.causes import Cause
+from ergoqp.step.causes import Cause
 from ergoqp.step.frames_check import AGREED, BEYOND, DOUBTED, PERIOD, _judged, bounds
 from ergoqp.step.stepper import Step, Stepper
 

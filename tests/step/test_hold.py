@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from step_samples import Held, comfort_of, held_pose, near_comfort, problem_of
 
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 
 

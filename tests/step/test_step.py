@@ -33,11 +33,8 @@ from ergoqp.simulation.robot import moved
 from ergoqp.solvers import installed_solvers, solver_named
 from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.asked_back import asked_update
-from ergoqp.step.program.bounds import STEADY_RETURN, limit_values
-from ergoqp.step.program.data import pass_data
-from ergoqp.step.program.locking import _newly_locked
-from ergoqp.step.program.qp import TOLERANCE
+from ergoqp.step.qp import TOLERANCE, _newly_locked, pass_data
+from ergoqp.step.rows import STEADY_RETURN, asked_update, limit_values
 from ergoqp.step.stepper import Cause, Status, Stepper
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")

@@ -20,10 +20,9 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import moved
-from ergoqp.step.guide.place import Guide, read_guide
-from ergoqp.step.guide.pull import pull_function
-from ergoqp.step.guide.trial import AFTER, BACK, DESCENT, THERE, TRIAL
+from ergoqp.step.guide import Guide, pull_function, read_guide
 from ergoqp.step.model import StepModel
+from ergoqp.step.rest import AFTER, BACK, DESCENT, THERE, TRIAL
 from ergoqp.step.stepper import Step, Stepper
 
 STEPPERS: dict[str, Stepper] = {}

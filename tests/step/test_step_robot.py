@@ -16,9 +16,9 @@ from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.faults import _rotation
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import away_function
-from ergoqp.step.robot_watch.watch import _rotation
+from ergoqp.step.qp import away_function
 from ergoqp.step.stepper import Stepper
 
 

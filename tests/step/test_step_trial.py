@@ -10,18 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ergoqp.problem.control import Control
-from ergoqp.step.guide.trial import (
+from ergoqp.step.rest import (
     AFTER,
     BACK,
     DESCENT,
     FIRM,
     LOOK,
+    STATES,
     THERE,
     TRIAL,
     UNKNOWN,
     trial_update,
 )
-from ergoqp.step.rest import STATES
 
 CONTROL = Control()
 

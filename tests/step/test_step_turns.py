@@ -15,12 +15,10 @@ from ergoqp.limits import AxisCone, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
+from ergoqp.step.delay import landing, next_history, under_way
+from ergoqp.step.layout import count, initial_history
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.under_way.history import initial_history
-from ergoqp.step.under_way.landing import landing
-from ergoqp.step.under_way.motion import next_history, under_way
 
 DT = 0.01
 

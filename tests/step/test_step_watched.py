@@ -22,10 +22,9 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.faults import explained_function
+from ergoqp.step.layout import STORY, split
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import split
-from ergoqp.step.robot_watch.explained import explained_function
-from ergoqp.step.robot_watch.memory import STORY
 from ergoqp.step.stepper import Stepper
 
 UNASKED = "robot: moves although nothing was sent"

@@ -15,14 +15,11 @@ from step_samples import comfort_of, held_pose, problem_of
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.step.delay import landing, next_history, off_rows, under_way
+from ergoqp.step.layout import FAR, Way, count, initial_history, split
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count, split
-from ergoqp.step.program.data import away_function
+from ergoqp.step.qp import away_function
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.under_way.history import FAR, initial_history
-from ergoqp.step.under_way.landing import landing, off_rows
-from ergoqp.step.under_way.motion import next_history, under_way
-from ergoqp.step.under_way.parts import Way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
 FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn")

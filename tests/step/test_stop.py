@@ -10,9 +10,9 @@ from step_calls import start_of
 from step_samples import held_pose, near_comfort, problem_of
 
 import ergoqp
+from ergoqp.step.certification import stop_function
 from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.stopping import stop_function
 
 
 def moving(average: float | None, log: list | None = None) -> ergoqp.Stepper:

@@ -17,7 +17,7 @@ from ergoqp.simulation.robot import moved
 from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.solvers.daqp import ITERATIONS
 from ergoqp.step.function import build_step
-from ergoqp.step.program.locking import PASSES
+from ergoqp.step.qp import PASSES
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.timing import LARGEST_ITERATIONS, StepTimes, _largest_step, benchmark_step
 

@@ -12,7 +12,7 @@ from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
 from ergoqp.seeking.tries import Place
 from ergoqp.simulation.baselines import rule_pose
-from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.guide import Guide, read_guide
 
 
 def places_to_try(problem: Problem) -> list[Place]:

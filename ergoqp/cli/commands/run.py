@@ -39,7 +39,7 @@ from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.starts import PLACES, awkward_place
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,6 @@
-"""From margins to bounds: what each row asks of the twist of this period.
+"""What each row asks of the twist of this period: from margins to bounds.
+
+From margins to bounds: what each row asks of the twist of this period.
 
 The bounds keep the whole stop after this period inside.
 
@@ -10,6 +12,10 @@ This alone brakes too late. While another axis keeps t_s long, d / h falls at th
 the row can be slowed only by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and farther away
 its tangent parabola v^2 = 2 a d - a^2 h^2. While a hard row is approached at v, no axis may speed
 up so much that the stop takes longer than 2 (d / v - dt).
+
+How long a joint outside a range that the user narrowed asks to come back.
+
+It asks for at most twice the time that the return should take.
 """
 
 from __future__ import annotations
@@ -20,11 +26,11 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from ergoqp.expressions.linear import largest
 from ergoqp.limits import Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking, Stop
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.qp import ELBOW
 
 STEADY_RETURN = 0.01
 """Slowest speed of coming back from outside [m/s, rad/s]."""
@@ -40,6 +46,12 @@ The solver would see nothing but rounding errors.
 
 CLEARANCE = 1e-8
 """Rows stop this far before their end, so that rounding of a solver is no violation [m, rad]."""
+
+ELBOW: Final = 1e-6
+"""Part of every cap that no row needs, so that the feasible set has an interior.
+
+It has one even where only braking is left.
+"""
 
 
 @dataclass(frozen=True)
@@ -245,3 +257,39 @@ def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
         ],
         dtype=float,
     )
+
+
+def still_asks(asked: ca.MX) -> ca.MX:
+    """Return 1 while rows of the posture may ask to come back.
+
+    The state `asked` (2,) holds the seconds asked for so far and the seconds allowed.
+    """
+    return asked[0] <= asked[1]
+
+
+def asked_update(limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX) -> ca.MX:
+    """Return the next state of asking (2,).
+
+    A row that was given up may ask again once no row is outside.
+
+    The predicted time follows from the speed at which rows come back, see
+    `ergoqp.step.rows`.
+
+    Args:
+        limits: limits that have rows.
+        asked: seconds for which a row asked to come back, and twice the seconds that it should take
+            [s].
+        margins: present margins of all rows (r,).
+        dt: period [s].
+    """
+    soft = limit_values(limits, "returns") * (1 - limit_values(limits, "hard"))
+    time, tolerance = (
+        ca.DM(limit_values(limits, "recovery_time")),
+        ca.DM(limit_values(limits, "tolerance")),
+    )
+    away = ca.if_else(margins < -tolerance, -margins, 0) * ca.DM(soft)
+    steady = STEADY_RETURN * time
+    fading = time * (ca.log(ca.fmax(away / steady, 1)) + 1)
+    longest = largest(ca.if_else(away > steady, fading, away / STEADY_RETURN))
+    waiting = ca.vertcat(asked[0] + dt, ca.fmax(asked[1], 2 * longest))
+    return ca.if_else(longest > 0, waiting, ca.MX(ca.DM.zeros(2)))

@@ -15,8 +15,8 @@ from ergoqp.expressions.linear import dense, is_set
 from ergoqp.limits.way_out import WayOut
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.bounds import STEADY_RETURN
 from ergoqp.step.rest import HUNTING
+from ergoqp.step.rows import STEADY_RETURN
 
 _LEADS: Final = 10.0
 """Price of a speed other than that of the way out of a region [points/(m/s)^2]."""

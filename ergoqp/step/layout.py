@@ -1,0 +1,343 @@
+"""Sizes and layouts of what a step keeps: its history, the motion under way, the fault watch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.limits import Limit
+from ergoqp.problem.problem import Problem
+
+Sizes = Mapping[str, tuple[int, int]]
+"""Shape of each part, in order."""
+
+
+def count(sizes: Sizes) -> int:
+    """Return the number of entries of all parts."""
+    return sum(rows * columns for rows, columns in sizes.values())
+
+
+def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
+    """Return the parts of a vector by name, each in its shape."""
+    parts, start = {}, 0
+    for name, (rows, columns) in sizes.items():
+        part = vector[start : start + rows * columns]
+        parts[name] = part if columns == 1 else ca.reshape(part, rows, columns)
+        start += rows * columns
+    return parts
+
+
+def places(sizes: Sizes) -> dict[str, slice]:
+    """Return the slice of the vector that holds each part."""
+    found, end = {}, 0
+    for name, (rows, columns) in sizes.items():
+        begin, end = end, end + rows * columns
+        found[name] = slice(begin, end)
+    return found
+
+
+def joined(sizes: Sizes, parts: Mapping[str, Any]) -> Any:
+    """Return the vector of the parts."""
+    return ca.vertcat(*(ca.vec(ca.densify(parts[name])) for name in sizes))
+
+
+FAR: Final = 1e3
+"""Age of everything before the first step: older than any age that matters [s]."""
+
+SHORTEST_DT: Final = 1e-5
+"""Shortest control period [s]."""
+
+LONGEST_DT: Final = 1.0
+"""Longest control period [s]."""
+
+CLOCK_ROUNDING: Final = 1e-3
+"""By how much the stamp of a frame may be ahead of the clock of the loop [s]; its age is then 0.
+
+Stamps that are kept in whole milliseconds are rounded by up to this much, and the difference of two
+times since 1970 as floats by 0.5 us. An age is only compared with `Control.max_age`, so one that is
+too small by this much changes no limit.
+"""
+
+_SPARE: Final = 1.5
+"""The history holds this many times its seconds at the period of the problem.
+
+So periods may be shorter by this factor on average.
+"""
+
+
+@dataclass(frozen=True)
+class History:
+    """How much of the past the step keeps.
+
+    Attributes:
+        planned: number of planned twists, newest first.
+        sent: number of sent twists, newest first.
+        lags: whether the declared robot may still have to do a part of older sent twists.
+        clings: whether the robot may have held one of those older twists for too long.
+        owes: whether a part of what was sent is still to come.
+    """
+
+    planned: int
+    sent: int
+    lags: bool = False
+    clings: bool = False
+    owes: bool = False
+
+    @classmethod
+    def of(cls, problem: Problem) -> History:
+        """Return the history that the mean and the declared robot of a problem need."""
+
+        def periods(seconds: float) -> int:
+            return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
+
+        robot = problem.robot
+        planned, sent = 1 + periods(problem.average), 1 + periods(robot.dead_time)
+        lags = bool(robot.lag)
+        return cls(planned, sent, lags, lags and bool(robot.longest_hold), robot.owes)
+
+    @property
+    def ages(self) -> int:
+        """Number of ends of periods, without the present one."""
+        return max(self.planned - 1, self.sent)
+
+    @property
+    def sizes(self) -> Sizes:
+        """Shape of every part of the history in the state, see `initial_history`."""
+        sizes = {"planned": (6, self.planned), "sent": (6, self.sent), "ages": (self.ages, 1)}
+        sizes |= {"idle": (1, 1)}
+        if self.lags:
+            sizes |= {"tail": (6, 2), "swift": (6, 2)}
+        if self.clings:
+            sizes["clung"] = (6, 2)
+        return sizes | ({"owed": (6, 1)} if self.owes else {})
+
+
+def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the history of an object that has always moved at `twist` (6,)."""
+    parts = {name: np.zeros(size) for name, size in history.sizes.items()}
+    parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
+    parts["idle"][:] = 0.0 if np.any(twist) else FAR
+    return parts
+
+
+def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
+    """Return the seconds for which twists that were sent between two ages still act."""
+    seconds = ca.fmin(older, dead) - ca.fmin(younger, dead)
+    if lag:
+        seconds += lag * (
+            ca.exp(-ca.fmax(younger - dead, 0) / lag) - ca.exp(-ca.fmax(older - dead, 0) / lag)
+        )
+    return seconds
+
+
+@dataclass(frozen=True)
+class Way:
+    """The motion under way, for `ergoqp.limits.Situation`.
+
+    Attributes:
+        ahead: displacement (6,) [m, rad].
+        lost: parts of the distances to the (lower, upper) ends that do not count, by hard limit.
+        turn: angle that the robot may have done already, plus the error of its measured angle
+            [rad]. None: zero.
+        stray: largest angle between the motion under way and a straight line [rad]. None: no row
+            bends.
+        raised: largest angle that a rising mean adds [rad]. None: no row bends.
+        lost_held: as `lost`, if the robot holds once what is under way (where declared).
+        turn_held: as `turn`, for the same case.
+    """
+
+    ahead: Any
+    lost: dict[str, tuple[Any, Any]]
+    turn: Any
+    stray: Any
+    raised: Any
+    lost_held: dict[str, tuple[Any, Any]]
+    turn_held: Any
+
+
+@dataclass(frozen=True)
+class WayLayout:
+    """The parts of the vector ``way``.
+
+    Attributes:
+        limits: limits of the object side.
+        count: number of their rows that lose a part of their distance: all or none.
+        turns: whether the angle of the object may differ from that of the landing pose.
+        strays: whether the motion under way can turn about more than one axis, and a row bends.
+        holds: whether the robot may hold once what is under way.
+    """
+
+    limits: Sequence[Limit]
+    count: int
+    turns: bool
+    strays: bool
+    holds: bool
+
+    @classmethod
+    def of(cls, problem: Problem) -> WayLayout:
+        """Return the parts of a problem."""
+        robot, hard = problem.robot, tuple(limit for limit in problem.row_limits if limit.hard)
+        # Where a pose is moved, it may be unknown in part.
+        count = sum(len(limit.names) for limit in hard) if problem.moves_pose else 0
+        turns = robot.owes or bool(robot.pose_noise_deg)
+        strays = problem.average > 0 and any(_bend(limit) for limit in hard)
+        return cls(hard, count, turns, strays, robot.longest_hold > 0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the rows of the object side."""
+        return tuple(name for limit in self.limits for name in limit.names)
+
+    @property
+    def bends(self) -> list[bool]:
+        """Whether each of these rows bends."""
+        return [_bend(limit) for limit in self.limits for _ in limit.names]
+
+    @property
+    def tangents(self) -> list[bool]:
+        """Whether the direction of each of these rows depends on the measured pose."""
+        return [getattr(limit, "tangent", False) for limit in self.limits for _ in limit.names]
+
+    @property
+    def _sizes(self) -> list[int]:
+        """Sizes of the parts, in the order of `Way`."""
+        if not self.count:
+            return [6]
+        bent = [1] * (self.turns + 2 * self.strays)
+        held = [self.count, self.count, 1] if self.holds else []
+        return [6, self.count, self.count, *bent, *held]
+
+    @property
+    def size(self) -> int:
+        """Number of all entries."""
+        return sum(self._sizes)
+
+    def split(self, way: Any) -> Way:
+        """Return the parts of a vector (size,)."""
+        ends = np.cumsum([0, *self._sizes]).tolist()
+        ahead, *parts = (way[start:end] for start, end in pairwise(ends))
+        if not parts:
+            return Way(ahead, {}, None, None, None, {}, None)
+        bent, lost = iter(parts[2:]), self._by_limit(*parts[:2])
+        given = (self.turns, self.strays, self.strays)
+        turn, stray, raised = (next(bent) if there else None for there in given)
+        if not self.holds:
+            return Way(ahead, lost, turn, stray, raised, lost, turn)
+        return Way(ahead, lost, turn, stray, raised, self._by_limit(*parts[-3:-1]), parts[-1])
+
+    def _by_limit(self, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
+        found, start = {}, 0
+        for limit in self.limits:
+            end = start + len(limit.names)
+            found[limit.names[0]] = below[start:end], above[start:end]
+            start = end
+        return found
+
+
+def _bend(limit: Limit) -> bool:
+    return bool(getattr(limit, "bend", 0.0))
+
+
+UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)
+"""Difference of measured and declared motion that is no fault yet, per axis (6,) [m, rad]."""
+
+COMPARED: Final = {
+    "apart": (6, 1),  # measured motion minus sent motion, by the pose
+    "least": (6, 1),  # bounds of their constant difference
+    "most": (6, 1),
+    "calm": (1, 1),  # for how long the object has stood still, as far as known
+    "halted": (1, 1),  # 1 until it has come to rest
+    "rests": (1, 1),  # how often it has come to rest, or was not enabled
+    "begun": (1, 1),  # 1 while it stands still and the poses are compared from there
+    "seen": (1, 1),  # how many poses were measured
+    "latched": (
+        1,
+        1,
+    ),  # 1 from a fault without a measured pose until one is measured, or `try_again`
+    "doubted": (1, 1),  # 1 from such a fault until a pose is measured
+    "presumed": (1, 1),  # 1 while the pose is that of a posture, moved on
+}
+REPORTED: Final = {
+    "drift": (6, 1),  # measured motion minus sent motion, by the reported twist
+    "path": (2, 1),  # distance and angle of its path since it stood still
+    # variance of the drift: by the reverted changes of the samples, and by their second differences
+    "blur": (6, 2),
+    "surprise": (6, 2),  # the last difference to the sent twist, and its last change
+    # what a declared robot still owed at the start of this, along each axis and against it
+    "due": (6, 2),
+    "rested": (1, 1),  # value of ``rests`` at that time
+    # since a pose was measured: from the computed position to that by the reported twist, and the
+    # turn between the two, in the axes of the computed one
+    "aside": (3, 1),
+    "turned_aside": (3, 3),
+    "farthest": (7, 1),  # see `ASTRAY`
+    "since": (1, 1),  # value of ``seen`` at that time, plus 1
+}
+NAMED: Final = {
+    # since the fault began: sent motion, measured motion, change of the sent twist
+    "moved": (6, 3),
+    "last": (6, 1),  # the sent twist before the last one
+    "fit": (5, 1),  # sums of the products of `moved`
+    "named_for": (1, 1),  # for how long the fault has had a name [s]
+    "worst": (6, 1),  # largest difference since then that is not declared [m, rad]
+    # of the poses of faulty robots that stand still: the last change, how much of the changes is
+    # taken back, and their squares (shift and turn each), and the largest change
+    "shaken": (6, 1),
+    "taken_back": (2, 1),
+    "squares": (2, 1),
+    "widest": (2, 1),
+}
+SAID: Final = {
+    # above 1 if the integral shows a fault; above 0 [m/s, rad/s] if one sample shows it
+    "signs": (2, 1),
+    "fault": (2, 1),  # a `Fault` and its amount
+}
+STORY: Final = {**REPORTED, **NAMED}
+ASTRAY: Final = 7
+"""Size of how far the object may be from its computed pose: along x, y and z and against them [m],
+and by what angle [rad].
+"""
+
+
+def watch_blocks(problem: Problem) -> dict[str, Sizes]:
+    """Return the blocks of the state for the fault watch, with their parts; all zero at first."""
+    # The fastest twist that the robot may have held, along each axis and against it, since the last
+    # measured pose. For a late robot it is since the object stood still, because there a hold shows
+    # little by little and does not stand out.
+    held = {"held": (6, 2)} if problem.robot.longest_hold else {}
+    # The turn of the object by what was sent since it stood still, and how it was turned then.
+    # Turns do not commute, and differences of consecutive noisy poses would add up to a random
+    # walk.
+    turn = {"turned": (3, 3), "turned_from": (3, 3)} if problem.robot.pose_noise_deg else {}
+    # By how much the turn of a late robot differs from that, as turns do not commute.
+    area = {"area": (3, 1)} if turn and problem.robot.owes else {}
+    # For the same reason, without ``turned``: the angle by which the object was turned by what was
+    # sent since it was measured.
+    blind = {"blind": (1, 1)} if problem.robot.owes and not turn else {}
+    # The part of one hold that may be unseen in the comparison, in addition to noise.
+    slip = {"slip": (6, 1)} if problem.robot.longest_hold and not problem.robot.owes else {}
+    return {
+        "compared": COMPARED | held | slip | turn | area | blind,
+        "story": STORY,
+        "said": SAID,
+    }
+
+
+def leap_beyond(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:
+    """Return by how much (6,) the pose moved beyond what the robot can have done in this period.
+
+    It includes whatever the robot still owed.
+    """
+    lasted = now["lasted"] * now["started"]
+    return ca.fmax(went - now["fastest"] * lasted, 0) + ca.fmin(went - now["slowest"] * lasted, 0)
+
+
+def length(excess: ca.SX) -> ca.SX:
+    """Return the larger length of the two halves of a vector (6,); only positive entries count."""
+    beyond = ca.fmax(excess, 0)
+    return ca.sqrt(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])))
