@@ -1,4 +1,4 @@
-"""The motion between the plan and the object: average, declared delay and lag, and the landing pose.
+"""The motion between the plan and the object: average, delay and lag, and the landing pose.
 
 Weights of the moving average, and of what a late robot has still to do.
 

@@ -1,4 +1,4 @@
-"""The control step as one pure CasADi function: its inputs, their check, and its parts put together.
+"""The control step as one pure CasADi function: inputs, their check, and all parts.
 
 Inputs and outputs of a step by name, and the check of every input.
 

@@ -47,7 +47,7 @@ The solver would see nothing but rounding errors.
 CLEARANCE = 1e-8
 """Rows stop this far before their end, so that rounding of a solver is no violation [m, rad]."""
 
-ELBOW: Final = 1e-6
+ELBOW = 1e-6
 """Part of every cap that no row needs, so that the feasible set has an interior.
 
 It has one even where only braking is left.
