@@ -47,10 +47,10 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES, JointLimit
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import Alike, Start, sample_person
+from ergoqp.rest.person import Senses
 from ergoqp.simulation.loop import Trace, run_loop
-from ergoqp.simulation.people.alike import Alike, Start, sample_person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 SIZES_DEG = (2.0, 5.0, 10.0)

@@ -33,10 +33,10 @@ from benchmarks.loops import Loops, end_score, figures_of, gather, optimum_of, r
 from benchmarks.report import Report, run
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.model_person import Alike, Start, sample_person
+from ergoqp.rest.person import Senses, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace
-from ergoqp.simulation.people.alike import Alike, Start, sample_person
-from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 

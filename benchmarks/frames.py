@@ -46,12 +46,10 @@ from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.way import pose_error
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best_place import TURNS, tilted_frames
+from ergoqp.rest.best_place import TURNS, awkward_start, tilted_frames
+from ergoqp.rest.person import Holding, Person, Senses
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step import frames_check
 from ergoqp.step.causes import Cause
 from ergoqp.step.stepper import Step, Stepper

@@ -43,10 +43,10 @@ from ergoqp.limits import OneClassBoundary
 from ergoqp.paths import data_folder
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best_place import draw_starts, workspace_map
+from ergoqp.rest.best_place import draw_starts, workspace_map
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.stepper import Stepper
 
 PROBLEM = "screwing"

@@ -26,7 +26,7 @@ from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
-from ergoqp.seeking.thought import a_place
+from ergoqp.seeking.seeker import a_place
 
 TARGET = Path(__file__).with_suffix(".c")
 CORE, OTHERS = "src/ergoqp_core.c", ("src/ergoqp_step.c", "src/ergoqp_names.c", "src/qp.c")

@@ -34,10 +34,8 @@ import time
 import numpy as np
 
 from benchmarks.report import Report, run
-from ergoqp.placing.group.grid import shared_grid
-from ergoqp.placing.group.optimise import best_for_group
-from ergoqp.placing.group.people import read_people
-from ergoqp.placing.group.search import PlaceSearch
+from ergoqp.lab.group import best_for_group
+from ergoqp.lab.group_search import PlaceSearch, read_people, shared_grid
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem_files.load import TASKS, load_problem
 

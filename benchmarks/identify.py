@@ -38,15 +38,14 @@ import numpy as np
 from benchmarks.people import JUDGING, KEPT, prepared
 from benchmarks.people_draw import judged, model_optimum
 from benchmarks.report import Report, run
-from ergoqp.identification.delay import delay_of
 from ergoqp.identification.identify import HABIT, Identified, Identifier
+from ergoqp.identification.loops import delay_of, watched
 from ergoqp.identification.promising import Promising, chosen
-from ergoqp.identification.watched import watched
 from ergoqp.problem_files.load import TASKS
+from ergoqp.rest.person import Holding
 from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.person import Holding
 
 GIVEN, UNSEEN, MORE = 10, 8, 20
 NOISE = float(np.radians(2.0))

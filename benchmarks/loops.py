@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.report import Report
+from ergoqp.lab.population import person_of
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.best_place import draw_starts, workspace_map
+from ergoqp.rest.model_person import Alike, Start
 from ergoqp.seeking import Seeker
-from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
-from ergoqp.simulation.people.alike import Alike, Start
 from ergoqp.step.stepper import Stepper
 
 DURATION = 30.0

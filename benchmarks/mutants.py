@@ -57,7 +57,7 @@ MUTATED: Final = (
     "ergoqp/export/fields.py",
     "ergoqp/export/layout.py",
     "ergoqp/simulation/check.py",
-    "ergoqp/simulation/check_ways.py",
+    "ergoqp/simulation/check.py",
     "ergoqp/problem/frames.py",
     "ergoqp/problem/room.py",
     "ergoqp/problem/tried.py",

@@ -49,10 +49,9 @@ from benchmarks.report import Report, run
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.start import RESIDUAL
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best_place import draw_starts, workspace_map
+from ergoqp.rest.best_place import awkward_start, draw_starts, workspace_map
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 100

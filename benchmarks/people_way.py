@@ -9,8 +9,8 @@ import numpy as np
 
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.way import pose_error
+from ergoqp.rest.person import Holding
 from ergoqp.simulation.loop import Trace, power_above
-from ergoqp.simulation.people.person import Holding
 
 EARLY = 20.0
 """When the score is looked at a first time [s]."""

@@ -53,8 +53,8 @@ from benchmarks.step_stop import from_full_speed, stop_c_us, stop_difference, st
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.timing import benchmark_step

@@ -13,7 +13,7 @@ from ergoqp.native.daqp import c_text
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.seeking.thought import a_place
+from ergoqp.seeking.seeker import a_place
 from ergoqp.step.certification import longest_stop, stop_function
 from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper

@@ -50,10 +50,10 @@ from benchmarks.step import time_calls, trajectory
 from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import Alike, sample_person
+from ergoqp.rest.person import Senses
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import Alike, sample_person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import Robot, WholeBody, load_robot
 from ergoqp.whole_body.loop import EXACT, WholeBodyTrace, run_whole_body

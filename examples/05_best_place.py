@@ -7,8 +7,8 @@ from collections import Counter
 
 import ergoqp
 from ergoqp.human import Body
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import Alike
 
 problem = ergoqp.load_problem("low_bin")  # a bin at knee height that a lift can move a little
 

@@ -33,7 +33,7 @@ from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import IkResponse, LinearResponse
-from ergoqp.simulation.people.senses import Senses
+from ergoqp.rest.person import Senses
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate

@@ -17,8 +17,8 @@ import ergoqp
 from ergoqp import reba
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.joints import INDEX, JOINTS
+from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.starts import awkward_start
 
 TEAL, ORANGE, GREY = "#0f766e", "#c2410c", "#6b7280"
 

@@ -20,10 +20,10 @@ from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import in_world, run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.sequence import Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer

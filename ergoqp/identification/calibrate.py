@@ -20,8 +20,7 @@ from scipy.optimize import least_squares
 from ergoqp.arguments import check_kind, names_of
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import turned
-from ergoqp.identification.resting import rests_of
-from ergoqp.identification.watched import rests_in, watched
+from ergoqp.identification.loops import rests_in, rests_of, watched
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 

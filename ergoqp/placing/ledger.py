@@ -15,8 +15,7 @@ from ergoqp.files.content import content_of
 from ergoqp.files.text import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary
-from ergoqp.placing.optimum import Trial
-from ergoqp.placing.person_values import response_as_dict
+from ergoqp.placing.optimum import Trial, response_as_dict
 from ergoqp.placing.start import PlaceTask
 from ergoqp.simulation.robot import moved
 

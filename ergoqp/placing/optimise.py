@@ -15,18 +15,17 @@ from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.placing.ledger import Ledger, key_of
-from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.placing.place import Place
-from ergoqp.placing.program import smooth_cost
+from ergoqp.placing.program import check_names, smooth_cost
 from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, PlaceTask, begin_from
 from ergoqp.placing.workers import trials_of
 from ergoqp.problem.problem import Problem
 from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
-from ergoqp.simulation.inputs import read_posture
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.inputs import read_posture
+from ergoqp.rest.model_person import Alike
 
 
 def optimise(
@@ -49,7 +48,7 @@ def optimise(
     """Find the place of the object at which the person, at rest there, has the lowest score.
 
     The object leads and the person follows: they come to rest at the place
-    (`ergoqp.placing.rest`). The conditions of the rest make this one nonlinear program. It is
+    (`ergoqp.placing.program`). The conditions of the rest make this one nonlinear program. It is
     solved from many places, with a smooth score that becomes narrower from stage to stage. At
     the end of every start the person settles (`Alike.settle`), and the exact sheet gives the
     score. The start with the lowest exact score wins. Of equal scores the lowest cost wins.

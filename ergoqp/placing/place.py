@@ -12,6 +12,65 @@ from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.workspace import frame_of, turn_about
 
+
+@dataclass(frozen=True)
+class Placing:
+    """Poses of the object as five numbers: x, y, z [m], then two turns [rad].
+
+    The turns are about the y and z axes of the cone's middle frame.
+
+    Attributes:
+        lower: least value of each (5,).
+        upper: greatest value of each (5,); if it equals the least, the number is fixed.
+        frame: middle of the cone (3, 3).
+        half_angle: half angle of the cone [rad].
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    frame: np.ndarray
+    half_angle: float
+
+    @classmethod
+    def of(cls, problem: Problem) -> Placing:
+        """Return the placing for the workspace, tool axis and movable axes of a problem."""
+        box, cone, axes = (
+            problem.limit_of(WorkspaceBox),
+            problem.limit_of(AxisCone),
+            problem.twist_limit.axes,
+        )
+        half = float(np.radians(cone.half_angle_deg))
+        turns = [
+            half * any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz"))
+        ]
+        ends = np.array([*box.upper, *turns])
+        return cls(
+            np.array([*box.lower, *(-turn for turn in turns)]),
+            ends,
+            frame_of(np.asarray(cone.direction)),
+            half,
+        )
+
+    def pose(self, point: np.ndarray) -> np.ndarray:
+        """Return the pose (4, 4) of a point (5,)."""
+        pose = np.eye(4)
+        pose[:3, 3] = point[:3]
+        pose[:3, :3] = self.frame @ turn_about(1, point[3]) @ turn_about(2, point[4])
+        return pose
+
+    def point(self, pose: np.ndarray) -> np.ndarray:
+        """Return the point (5,) of a pose (4, 4). The rotation about its own x is ignored."""
+        x, y, z = self.frame.T @ pose[:3, 0]
+        return np.array([*pose[:3, 3], np.arctan2(-z, x), np.arcsin(np.clip(y, -1, 1))])
+
+    def holds(self, point: np.ndarray) -> bool:
+        """Return whether a point is in the workspace and its tool axis in the cone."""
+        inside = (point >= self.lower - 1e-9).all() and (point <= self.upper + 1e-9).all()
+        return bool(
+            inside and np.cos(point[3]) * np.cos(point[4]) >= np.cos(self.half_angle) - 1e-9
+        )
+
+
 _STEEPEST = np.radians(85.0)
 """Largest tilt about z of the frame [rad]. At a quarter turn the two tilts would coincide."""
 _NEAR = 0.02

@@ -1,26 +1,235 @@
 """The single-level program: the place of the object and the rest of the person in it.
 
+The equations of the posture in which the person comes to rest.
+
+They are the optimality conditions of the person, with relaxed complementarity.
+
+A person who holds an object comes to rest at
+
+    q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + a/2 |r(q)|^2 + |e(q)|^2 / d^2
+    s.t.  soles stay, l <= q <= u
+
+with c the comfort posture, B the weight of balance, a that of looking, r the residual between
+eyes and work, and e the residual between grips and object, without the rotation about a free
+tool. This is the fixed point of `ergoqp.rest.model_person.Alike.settle`. With the
+damping d the hands yield by less than a millimetre. With the multipliers y = e/d^2 of the
+hands and m of the soles the conditions are
+
+    W (s - c) = 2 J' y - a R' r - A' m,    e = d^2 y,    soles where they stand,    q = clip(s)
+
+A hanging arm does not depend on the object. Its angles are a function of those of the trunk.
+
+The unknown s is the posture before it is clipped to its ranges. W (s - q) is the multiplier of
+the ranges (Robinson's normal map), so no inequality and no further unknown is needed. The clip
+is made smooth after Chen, Harker, Kanzow and Smale. This relaxes complementarity to exactly
+(q - l) (q - s) = relaxation^2 / 4.
+
+The single-level program: the place of the object and the rest of the person in it.
+
 It includes starting values, the solver and the residual.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import shown
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.errors import InputError
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.limits import JointLimit, OneClassBoundary
-from ergoqp.placing.nlp_solvers import SETTINGS, check_names
-from ergoqp.placing.optimality import Solution, optimality_function, violation
 from ergoqp.placing.place import Place
-from ergoqp.placing.rest import rest_conditions
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.holding import Holding, Situated, hang
 from ergoqp.responses.ik import IkResponse
+from ergoqp.responses.stance import LEG_JOINTS
+
+MODES: Final = ("stackelberg", "cooperative")
+"""Who chooses the posture: the person alone, by coming to rest; or the optimiser too.
+
+The second mode is an optimistic bound.
+"""
+
+SETTINGS: Final[dict[str, dict[str, Any]]] = {
+    "ipopt": {
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": 1e-9,
+            "max_iter": 60,
+            "mu_strategy": "adaptive",
+        },
+        "print_time": False,
+    },
+    "fatrop": {
+        "fatrop": {"print_level": 0, "tol": 1e-9, "max_iter": 100},
+        "structure_detection": "none",
+        "print_time": False,
+    },
+    "sqpmethod": {
+        "qpsol": "qrqp",
+        "qpsol_options": {
+            "print_iter": False,
+            "print_header": False,
+            "print_info": False,
+            "error_on_fail": False,
+        },
+        "convexify_strategy": "regularize",
+        "max_iter": 60,
+        "tol_pr": 1e-9,
+        "tol_du": 1e-8,
+        "print_header": False,
+        "print_iteration": False,
+        "print_status": False,
+        "print_time": False,
+    },
+}
+
+SOLVERS: Final = tuple(SETTINGS)
+"""Nonlinear solvers by name."""
+
+
+def check_names(mode: str, solver: str) -> None:
+    """Check the names of mode and solver.
+
+    Raises:
+        InputError: if one of them is unknown, or CasADi was built without the solver.
+    """
+    for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
+        if not isinstance(value, str) or value not in allowed:
+            raise InputError(f"{what}: got {shown(value)}, allowed {', '.join(allowed)}")
+    if not ca.has_nlpsol(solver):
+        others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
+        raise InputError(
+            f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}"
+        )
+
+
+Ends = tuple[np.ndarray, np.ndarray]
+"""Lower and upper ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of a solver.
+
+    Attributes:
+        values: values of all unknowns (n,).
+        residual: largest violation of the optimality conditions, recomputed from the
+            expressions of the program.
+    """
+
+    values: np.ndarray
+    residual: float
+
+
+def optimality_function(nlp: Mapping[str, Any]) -> ca.Function:
+    """Return ``(x, p, on_rows, on_bounds) -> (slope of the Lagrangian, rows)`` of a program.
+
+    Args:
+        nlp: ``x``, ``p``, ``f`` and ``g``, as `casadi.nlpsol` takes them.
+    """
+    kind = type(nlp["x"])
+    on_rows, on_bounds = (
+        kind.sym("on_rows", nlp["g"].numel()),
+        kind.sym("on_bounds", nlp["x"].numel()),
+    )
+    slope = ca.gradient(nlp["f"] + ca.dot(on_rows, nlp["g"]), nlp["x"]) + on_bounds
+    return ca.Function("optimality", [nlp["x"], nlp["p"], on_rows, on_bounds], [slope, nlp["g"]])
+
+
+def violation(slope: np.ndarray, bounded: Iterable[tuple[Ends, np.ndarray, np.ndarray]]) -> float:
+    """Return the largest violation of the optimality conditions; inf if any is not a number.
+
+    Args:
+        slope: slope of the Lagrangian (n,) [points per unit].
+        bounded: for the unknowns and for the rows: their ends, values, and multipliers; a
+            positive multiplier belongs to the upper end.
+    """
+    worst = [np.abs(slope).max()]
+    for (low, high), values, multipliers in bounded:
+        worst.append(np.maximum(low - values, values - high).max(initial=0.0))
+        end = np.where(multipliers > 0, high - values, values - low)
+        # Without an end the multiplier must be zero.
+        worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
+    largest = float(np.max(worst))
+    return largest if np.isfinite(largest) else float("inf")
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The conditions of rest.
+
+    Attributes:
+        moved: positions of the moving joints in the posture.
+        aims: s of the moving joints, symbols (n,).
+        pelvis: x, y, z and yaw of a standing person, symbols (4,); else empty.
+        multipliers: y of the hands, then m of the soles, symbols.
+        posture: q (32,).
+        balance: equations that are linear in the multipliers, one per joint and pelvis
+            coordinate, in this order.
+        contact: the other equations: hands and soles.
+    """
+
+    moved: list[int]
+    aims: ca.SX
+    pelvis: ca.SX
+    multipliers: ca.SX
+    posture: ca.SX
+    balance: ca.SX
+    contact: ca.SX
+
+
+def rest_conditions(response: IkResponse, place: Situated) -> Rest:
+    """Return the conditions under which a person is at rest with the object at a place."""
+    standing, hands = response.stance == "standing", len(response.hands)
+    moved = [INDEX[joint] for joint in response.chain]
+    chain = [joint for joint in moved if joint < 20]
+    aims, pelvis = ca.SX.sym("s", len(moved)), ca.SX.sym("b", 4 if standing else 0)
+    y, m = ca.SX.sym("y", 6 * hands), ca.SX.sym("m", 12 if standing else 0)
+    wanted, posture = ca.SX(place.posture), ca.SX(place.posture)
+    for number, joint in enumerate(moved):
+        wanted[joint] = aims[number]
+        posture[joint] = soft_clip(aims[number], LOWER[joint], UPPER[joint], place.relaxation)
+    hang(response, posture)
+    holding = Holding(response, place, posture, pelvis)
+    discomfort = ca.DM(response.weight_vector) * (wanted - ca.DM(response.comfort))
+
+    compliance, forces, contact = response.damping**2, [], []
+    for number, error in enumerate(holding.errors):
+        force = y[6 * number : 6 * number + 6]
+        free = holding.along_tool(force)
+        forces.append(2 * (force - free))
+        contact.append(compliance * force + free - (error - holding.along_tool(error)))
+    on_chain, on_pelvis = holding.pull(forces, chain)
+    seen, seen_by_pelvis = holding.looking(chain)
+    balance = [discomfort[chain] - on_chain - seen]
+    if standing:
+        on_legs, on_base = holding.legs(m)
+        for side, on_leg in zip(SIDES, on_legs, strict=True):
+            balance.append(discomfort[[INDEX[name] for name in LEG_JOINTS[side]]] + on_leg)
+        balance.append(on_base - on_pelvis - seen_by_pelvis)
+    contact.append(holding.slipping())
+    return Rest(
+        moved, aims, pelvis, ca.vertcat(y, m), posture, ca.vertcat(*balance), ca.vertcat(*contact)
+    )
+
+
+def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:
+    """Return a value clipped to a range, smoothly.
+
+    It is always strictly inside. At an end it is `relaxation` / 2 away from it.
+    """
+    below = ca.sqrt((value - lower) ** 2 + relaxation**2)
+    above = ca.sqrt((upper - value) ** 2 + relaxation**2)
+    return (lower + upper + below - above) / 2
+
 
 EASE: Final = 1e-3
 """Weight of the person's comfort relative to the cost [points/rad^2 per unit of joint weight].
@@ -54,7 +263,7 @@ class Program:
     """The nonlinear program of one problem and one person, with the data of a start as parameters.
 
     The unknowns are those of the place, then, for `mode="stackelberg"`, those of
-    `ergoqp.placing.rest.Rest`; for `mode="cooperative"`: the moving joints, the pelvis and the
+    `ergoqp.placing.program.Rest`; for `mode="cooperative"`: the moving joints, the pelvis and the
     turn of each hand about the tool. The success flag of the solver is not used.
     """
 

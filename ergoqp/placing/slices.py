@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.placing.group.search import Placing
-from ergoqp.placing.parallel import in_order
+from ergoqp.placing.place import Placing
+from ergoqp.placing.workers import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import outward, settle_in_order
-from ergoqp.simulation.people.alike import Alike, Start
+from ergoqp.rest.best_place import outward, settle_in_order
+from ergoqp.rest.model_person import Alike, Start
 
 SPACING: Final = 0.05
 """Distance of neighbouring places of a slice [m]."""
@@ -28,7 +28,7 @@ class Slice:
     """Scores over two coordinates of the object's place. The others are as at the place itself.
 
     Attributes:
-        across: number of the horizontal coordinate of `ergoqp.placing.group.search.Placing`:
+        across: number of the horizontal coordinate of `ergoqp.placing.place.Placing`:
             x, y, z [m], two turns [rad].
         up: number of the vertical coordinate.
         horizontal: values of the horizontal coordinate (h,).

@@ -18,8 +18,7 @@ from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.optimum import Trial
 from ergoqp.placing.program import Program, Solution, smooth_cost
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.alike import Alike, Start
-from ergoqp.simulation.people.reach_and_relax import REACHED, REACHED_ANGLE
+from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, Alike, Start
 
 FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""
@@ -59,8 +58,8 @@ class PlaceTask:
         problem: the task.
         person: who holds the object.
         begin: the posture, the pose of the object, the grasp, and where the soles stand.
-        mode: one of `ergoqp.placing.nlp_solvers.MODES`.
-        solver: one of `ergoqp.placing.nlp_solvers.SOLVERS`.
+        mode: one of `ergoqp.placing.program.MODES`.
+        solver: one of `ergoqp.placing.program.SOLVERS`.
         seed: seed of the places.
         tau_deg: scale of the smooth score in the last stage [deg].
     """

@@ -1,4 +1,6 @@
-"""Where the starts are solved: this process, several processes (joblib), or a Dask cluster.
+"""Independent calls, and starts: in this process, on several processes, or on a Dask cluster.
+
+Where the starts are solved: this process, several processes (joblib), or a Dask cluster.
 
 The trials are the same in all cases.
 """
@@ -10,10 +12,11 @@ import concurrent.futures
 import pickle
 import time
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Final
 
+from ergoqp.arguments import check_whole
 from ergoqp.errors import InputError, MissingExtraError, WorkersError
 from ergoqp.placing.optimum import Trial
 from ergoqp.placing.start import PlaceTask, StartSolver
@@ -222,3 +225,28 @@ def _packed(task: PlaceTask) -> bytes:
 
 def _words(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1) -> Iterator[Any]:
+    """Yield the result of every call as soon as it and all before it are done.
+
+    Args:
+        function: a function of a module, so that another process can import it.
+        calls: arguments of each call.
+        jobs: number of processes; 1: this process.
+
+    Raises:
+        InputError: if `jobs` is below 1.
+        MissingExtraError: if joblib is not installed and more than one process is needed.
+    """
+    check_whole("jobs", jobs, 1)
+    if jobs == 1 or len(calls) < 2:
+        yield from (function(*arguments) for arguments in calls)
+        return
+    try:
+        import joblib
+    except ImportError:
+        raise MissingExtraError("work on several processes", "optimise", "joblib") from None
+    yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(
+        joblib.delayed(function)(*each) for each in calls
+    )

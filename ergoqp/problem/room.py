@@ -27,7 +27,7 @@ _STEP: Final = 0.4
 """How far the hips may be from above the origin, where the model person stands or sits [m].
 
 People who step after the object were seen to reach 0.1 m less far than this, see
-`ergoqp.simulation.people.stepping`.
+`ergoqp.lab.people.kinds`.
 """
 
 _MOST_CELLS: Final = 4096

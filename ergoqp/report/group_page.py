@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.placing.group.optimum import GroupOptimum, Member
-from ergoqp.placing.group.people import GroupPerson
-from ergoqp.placing.group.search import Placing
+from ergoqp.lab.group import GroupOptimum, Member
+from ergoqp.lab.group_search import GroupPerson
+from ergoqp.placing.place import Placing
 from ergoqp.placing.slices import Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.placing.group.search import Placing
 from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.place import Placing
 from ergoqp.placing.slices import slices_through
 from ergoqp.placing.start import begin_from
 from ergoqp.problem.problem import Problem
@@ -30,7 +30,7 @@ from ergoqp.report.place_words import (
     slice_words,
     task_options,
 )
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import Alike
 
 MODES = {
     "stackelberg": "the person comes to rest by their own comfort",

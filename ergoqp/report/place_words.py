@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ergoqp.placing.group.search import Placing
+from ergoqp.placing.place import Placing
 from ergoqp.placing.slices import Slice
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.charts.score_map import AXES
 from ergoqp.report.page import Headline
-from ergoqp.simulation.options import options_of
+from ergoqp.simulation.description import options_of
 
 
 def score_headline(label: str, score: float) -> Headline:

@@ -10,8 +10,8 @@ import numpy as np
 
 from ergoqp.arguments import check_number, check_text, check_whole
 from ergoqp.expressions.rigid import read_pose
+from ergoqp.identification.loops import Resting
 from ergoqp.identification.promising import Promise
-from ergoqp.identification.resting import Resting
 
 THEIRS: Final = "this person's best"
 """Name of places that promise to be better for the identified person."""

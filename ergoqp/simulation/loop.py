@@ -8,14 +8,25 @@ from typing import Protocol
 
 import numpy as np
 
+from ergoqp.arguments import check_number, check_whole
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.person import LET_GO, Holding, Person, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.person import LET_GO, Holding, Person
-from ergoqp.simulation.people.senses import frames
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
+
+
+def check_numbers(problem: Problem, duration: float, seed: int) -> None:
+    """Check the numbers of a run before anything is computed.
+
+    Raises:
+        InputError: if the duration or the seed is out of range.
+    """
+    check_number("duration", duration, problem.dt, LONGEST, "s")
+    check_whole("seed", seed, 0)
+
 
 LONGEST = 3600.0
 """Longest run [s]."""

@@ -17,21 +17,20 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.inputs import read_observed, read_posture, stood_otherwise
+from ergoqp.rest.person import Holding, Person, Senses
 from ergoqp.seeking.seeker import Seeker
-from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture, stood_otherwise
+from ergoqp.simulation.description import about_person, about_robot, options_of
 from ergoqp.simulation.loop import (
+    check_numbers,
     in_world,
     outside_of_range,
     run_loop,
     settle_time,
     with_own_robot,
 )
-from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.step.guide import read_guide

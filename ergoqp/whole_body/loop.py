@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from ergoqp.rest.model_person import Alike
+from ergoqp.rest.person import Senses, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.separation import Separation
@@ -118,7 +118,7 @@ def run_whole_body(
 
     Example:
         >>> import ergoqp
-        >>> from ergoqp.simulation.people.alike import sample_person
+        >>> from ergoqp.rest.model_person import sample_person
         >>> from ergoqp.whole_body import WholeBody
         >>> from ergoqp.whole_body.loop import run_whole_body
         >>> problem = ergoqp.load_problem("screwing")

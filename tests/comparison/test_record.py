@@ -64,9 +64,9 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
 def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
     """Of a loop of its own, step by step: the first QPs' answers lead where the stepper goes. Sent
     is the mean of the plan."""
+    from ergoqp.rest.best_place import awkward_start
+    from ergoqp.rest.model_person import sample_person
     from ergoqp.simulation.loop import run_loop
-    from ergoqp.simulation.people.alike import sample_person
-    from ergoqp.simulation.starts import awkward_start
 
     problem = load_problem("screwing")
     (part,) = recorded("screwing", 60)

@@ -11,9 +11,8 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.identification.identify import Identified, Identifier
+from ergoqp.identification.identify import WIDTHS, Identified, Identifier, Unexplained
 from ergoqp.identification.promising import LIKELY, Promise, Promising, chosen
-from ergoqp.identification.unexplained import WIDTHS, Unexplained
 from ergoqp.joints import JOINTS
 from ergoqp.problem.workspace import Workspace
 from ergoqp.simulation.people import person_of_kind

@@ -12,7 +12,7 @@ from ergoqp.human.growth import GROWTH
 from ergoqp.identification.rest_model import RestModel, situation_of
 from ergoqp.problem.workspace import Workspace
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import Alike
 
 
 @cache

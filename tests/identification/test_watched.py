@@ -14,13 +14,12 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.files import npz
-from ergoqp.identification.delay import delay_of
 from ergoqp.identification.identify import Identifier
-from ergoqp.identification.watched import Watched, rests_in, watched
+from ergoqp.identification.loops import Watched, delay_of, rests_in, watched
+from ergoqp.rest.best_place import awkward_place
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run
-from ergoqp.simulation.starts import awkward_place
 
 DT = 0.01
 

@@ -16,9 +16,9 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import ArmLength, OneClassBoundary, Situation, TwistLimit
 from ergoqp.responses import LinearResponse
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
 

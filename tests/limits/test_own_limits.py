@@ -16,10 +16,9 @@ from ergoqp.limits import Ball, KeepOut, Rows, Situation, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import workspace_map
+from ergoqp.rest.best_place import awkward_start, workspace_map
+from ergoqp.rest.model_person import Alike, sample_person
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import Alike, sample_person
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 

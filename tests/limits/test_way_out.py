@@ -20,8 +20,7 @@ from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBo
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.simulation.check import Checker
-from ergoqp.simulation.check_ways import Ways
+from ergoqp.simulation.check import Checker, Ways
 from ergoqp.step.stepper import Stepper
 
 DT, STEP, FAR = 0.02, 1e-3, 2.5

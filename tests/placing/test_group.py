@@ -11,15 +11,23 @@ import pytest
 
 from ergoqp.cli.commands.population import COLUMNS
 from ergoqp.errors import InputError
+from ergoqp.lab.group import best_for_group
+from ergoqp.lab.group_search import (
+    AXES,
+    PlaceSearch,
+    RestAtPlace,
+    drawn_people,
+    keys,
+    merit,
+    read_people,
+    shared_grid,
+)
+from ergoqp.lab.population import variant
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.placing.group.grid import AXES, shared_grid
-from ergoqp.placing.group.optimise import best_for_group
-from ergoqp.placing.group.people import drawn_people, read_people
-from ergoqp.placing.group.search import PlaceSearch, Placing, RestAtPlace, keys, merit
 from ergoqp.placing.optimise import optimise
-from ergoqp.placing.population import variant
+from ergoqp.placing.place import Placing
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best_place import workspace_poses
+from ergoqp.rest.best_place import workspace_poses
 
 STATURES = (1.5, 1.7, 2.0)
 
@@ -141,7 +149,7 @@ def test_a_stopped_study_goes_on_from_what_is_kept(low_bin, monkeypatch):
     shared_grid(low_bin, people[:1], 0.2)
     settled = []
     monkeypatch.setattr(
-        "ergoqp.simulation.best_place._compute",
+        "ergoqp.rest.best_place._compute",
         lambda *arguments: settled.append(arguments) or _nothing(),
     )
     with pytest.raises(RuntimeError, match="only the second"):
@@ -211,9 +219,7 @@ def test_who_cannot_reach_is_named(low_bin):
 def test_who_is_left_out_where_most_can_reach_is_named(low_bin, monkeypatch):
     scores = np.array([[2, 2, 0], [0, 3, 3], [4, 0, 4]])
     grid = SimpleNamespace(scores=scores, reached_by_all=(scores > 0).all(axis=0))
-    monkeypatch.setattr(
-        "ergoqp.placing.group.optimise.shared_grid", lambda *arguments, **options: grid
-    )
+    monkeypatch.setattr("ergoqp.lab.group.shared_grid", lambda *arguments, **options: grid)
     with pytest.raises(
         InputError, match=r"no place is reached by all; where most can reach, 1\.60 m cannot"
     ):

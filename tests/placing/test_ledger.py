@@ -15,7 +15,7 @@ from ergoqp.placing import optimise as placing
 from ergoqp.placing.ledger import FILE, key_of
 from ergoqp.placing.start import PlaceTask, begin_from
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import Alike
 
 
 def without(*limits: object) -> Problem:

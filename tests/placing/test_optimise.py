@@ -10,8 +10,8 @@ from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.simulation.best_place import workspace_map
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.rest.best_place import workspace_map
+from ergoqp.rest.model_person import sample_person
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ class TestBest:
         np.testing.assert_allclose(best.pose[:3, :3].T @ best.pose[:3, :3], np.eye(3), atol=1e-12)
 
     def test_the_person_comes_to_rest_there(self, problem, best):
-        from ergoqp.simulation.people.alike import Alike
+        from ergoqp.rest.model_person import Alike
 
         person = Alike(problem.response)
         grasp, soles = person.grasp(best.posture_before), person.stand(best.posture_before)

@@ -13,7 +13,7 @@ from ergoqp.cli.commands.optimise import optimum_table
 from ergoqp.errors import InputError
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.problem.workspace import turn_about
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.rest.model_person import sample_person
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
+from ergoqp.lab.population import STATURES, best_of_population, population, variant
 from ergoqp.limits import WorkspaceBox
-from ergoqp.placing.population import STATURES, best_of_population, population, variant
 from ergoqp.problem_files.load import load_problem
 
 

@@ -10,8 +10,8 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.placing.program import Program, smooth_cost
 from ergoqp.placing.start import begin_from
 from ergoqp.problem_files.load import TASKS
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import Alike
 
 FINE = (1e-4, 0.5)
 

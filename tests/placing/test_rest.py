@@ -6,11 +6,11 @@ import pytest
 
 import ergoqp
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.placing.rest import rest_conditions, soft_clip
+from ergoqp.placing.program import rest_conditions, soft_clip
 from ergoqp.problem_files.load import TASKS
 from ergoqp.responses.holding import Situated
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 
 RELAXATION = 1e-4
 QUIET = {"ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10}, "print_time": False}

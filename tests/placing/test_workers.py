@@ -16,7 +16,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.placing.ledger import FILE
 from ergoqp.placing.optimise import optimise
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tm
 
 
 def test_awkward_start_is_that_of_run(problem, alone):
-    from ergoqp.simulation.people.alike import Alike
+    from ergoqp.rest.model_person import Alike
 
     np.testing.assert_array_equal(
         alone.posture_before, awkward_start(problem, Alike(problem.response), 3)

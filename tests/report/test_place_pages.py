@@ -9,8 +9,8 @@ from browsing import PATIENCE
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
-from ergoqp.placing.group.search import Placing
 from ergoqp.placing.optimise import optimise
+from ergoqp.placing.place import Placing
 from ergoqp.placing.slices import Slice, slices_through
 from ergoqp.placing.start import begin_from
 from ergoqp.problem_files.load import load_problem
@@ -18,7 +18,7 @@ from ergoqp.report import palette
 from ergoqp.report.body.lineup import Standing, lineup
 from ergoqp.report.charts.score_map import Spot, score_map
 from ergoqp.report.place_words import change_of, place_words
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import Alike
 
 SECTIONS = {
     "optimum": [

@@ -14,7 +14,7 @@ import ergoqp
 from ergoqp.joints import INDEX
 from ergoqp.responses import IkResponse
 from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import Alike
 
 NOBODY = np.zeros(32)
 

@@ -14,7 +14,7 @@ from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.responses import IkResponse
 from ergoqp.responses.gaze import EYES_TURN, VIEWING_DISTANCE, beyond_ease
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import Alike
 
 NOBODY = np.zeros(32)
 

@@ -13,16 +13,16 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identifier
-from ergoqp.identification.resting import Resting
+from ergoqp.identification.loops import Resting
 from ergoqp.joints import JOINTS
 from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.best_place import awkward_place
 from ergoqp.seeking import Place, Seeker, Seeking
 from ergoqp.seeking.tries import THEIRS
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run
-from ergoqp.simulation.starts import awkward_place
 
 
 @cache

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import InputError
+from ergoqp.identification.loops import Resting
 from ergoqp.identification.promising import LIKELY, Promise
-from ergoqp.identification.resting import Resting
 from ergoqp.seeking.tries import DESCENT, THEIRS, Place, Seeking, Tries
 
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from ergoqp.human import Body
+from ergoqp.lab.baselines import Drive, Gradient, Still, rule_pose
+from ergoqp.lab.yardstick import Workspace
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.way import pose_error, turned
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
+from ergoqp.rest.person import Senses
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.simulation.yardstick import Workspace
 
 JUDGED = ("speed", "acceleration", "axes", "workspace", "tool axis")
 

@@ -9,10 +9,10 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.model_person import sample_person
+from ergoqp.rest.person import Senses, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import power_above, run_loop, settle_time
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.simulation.robot import RobotKind, moved
 from ergoqp.step.stepper import Stepper
 

@@ -12,7 +12,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.people.alike import Alike, sample_person
+from ergoqp.rest.model_person import Alike, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.guide import read_guide

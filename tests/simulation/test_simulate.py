@@ -14,11 +14,11 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.control import Control
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run, arrays_of, summary_of_run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.simulation.starts import awkward_start
 
 KEYS = {
     "tries",

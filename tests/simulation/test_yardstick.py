@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import InputError
+from ergoqp.lab.yardstick import Judge, Place, Workspace
 from ergoqp.limits import AxisCone, Ball, KeepOut, WorkspaceBox
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best_place import workspace_map
+from ergoqp.rest.best_place import workspace_map
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.yardstick import Judge, Place, Workspace
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -9,8 +9,8 @@ from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.human import Body
 from ergoqp.human.forearm import forearm_length, forearm_points
-from ergoqp.studies.forearm import forearm_data, nearest_sample_cost, true_cost
-from ergoqp.studies.forearm.data import EMPTY_DISTANCE
+from ergoqp.lab.forearm import forearm_data, nearest_sample_cost, true_cost
+from ergoqp.lab.forearm_models import EMPTY_DISTANCE
 
 
 def distances(first, second):

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ergoqp.studies.forearm.descent import added, descend, keep_length, slope_of, toward_class_below
+from ergoqp.lab.forearm_models import added, descend, keep_length, slope_of, toward_class_below
 
 LENGTH = 0.25
 

@@ -7,11 +7,10 @@ import pytest
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.load import load_cost
 from ergoqp.human.forearm import forearm_length
+from ergoqp.lab.forearm import forearm_data, true_cost
+from ergoqp.lab.forearm_models import KERNELS, descend, fit_forearm_models, keep_length, slope_of
 from ergoqp.learning.one_class import load_one_class
 from ergoqp.paths import data_folder
-from ergoqp.studies.forearm import forearm_data, true_cost
-from ergoqp.studies.forearm.descent import descend, keep_length, slope_of
-from ergoqp.studies.forearm.models import KERNELS, fit_forearm_models
 
 FILES = ("forearm_svr", "forearm_ladder", "forearm_boundary")
 

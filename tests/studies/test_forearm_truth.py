@@ -9,8 +9,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, arm_of, forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.studies.forearm import true_cost, true_posture
-from ergoqp.studies.forearm.boxes import boxes_of
+from ergoqp.lab.forearm import boxes_of, true_cost, true_posture
 
 METHODS = [
     reba.Method(),

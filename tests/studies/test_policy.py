@@ -9,8 +9,7 @@ import pytest
 
 from ergoqp import load_problem
 from ergoqp.errors import InputError
-from ergoqp.step.stepper import Stepper
-from ergoqp.studies.policy import (
+from ergoqp.lab.policy import (
     Policy,
     RadialFeatures,
     angles_deg,
@@ -19,6 +18,7 @@ from ergoqp.studies.policy import (
     twists_of,
     unit_twists,
 )
+from ergoqp.step.stepper import Stepper
 
 
 def draw(rng, count):

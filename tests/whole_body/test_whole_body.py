@@ -12,10 +12,10 @@ pytest.importorskip("mink")
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
+from ergoqp.rest.person import Senses
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body
 from ergoqp.whole_body.terms import own_objective, terms_function

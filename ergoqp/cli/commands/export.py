@@ -15,8 +15,8 @@ from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.responses import IkResponse
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import Alike
 
 
 def export(problem_name: str, out: Path, dt: float | None, guide: str | None = None) -> None:

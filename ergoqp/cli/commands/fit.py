@@ -162,7 +162,7 @@ def load_data(
         names = SCORED_JOINTS if joints == "scored" else REPORT_JOINTS
         return posture_data(per_score, labels=source, seed=seed, joints=names, progress=progress)
     if source == "forearm":
-        from ergoqp.studies.forearm import forearm_data
+        from ergoqp.lab.forearm import forearm_data
 
         return forearm_data(per_score=per_score, seed=seed, progress=progress)
     if not Path(source).suffix:

@@ -22,11 +22,9 @@ from ergoqp.cli.commands.common import (
 from ergoqp.cli.commands.population import numbers_of
 from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
-from ergoqp.placing.group.optimise import MOST_STARTS, best_for_group
-from ergoqp.placing.group.optimum import GroupOptimum
-from ergoqp.placing.group.people import GroupPerson, drawn_people, read_people
-from ergoqp.placing.group.search import Objective
-from ergoqp.placing.population import variant
+from ergoqp.lab.group import MOST_STARTS, GroupOptimum, best_for_group
+from ergoqp.lab.group_search import GroupPerson, Objective, drawn_people, read_people
+from ergoqp.lab.population import variant
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from ergoqp.cli.commands.screen import working
 from ergoqp.errors import InputError
+from ergoqp.lab.baselines import rule_pose
+from ergoqp.lab.population import person_of
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
 from ergoqp.seeking.tries import Place
-from ergoqp.simulation.baselines import rule_pose
 from ergoqp.step.guide import Guide, read_guide
 
 

@@ -20,7 +20,7 @@ from ergoqp.cli.commands.common import (
 from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.files.whole import whole
-from ergoqp.placing.population import Found, best_of_population, population
+from ergoqp.lab.population import Found, best_of_population, population
 from ergoqp.report.numbers import plain
 
 COLUMNS = (

@@ -29,16 +29,16 @@ from ergoqp.problem_files.in_words import nearest_first
 from ergoqp.recordings import Recording
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
+from ergoqp.rest.best_place import PLACES, awkward_place
+from ergoqp.rest.person import Senses
 from ergoqp.seeking.tries import Place
 from ergoqp.sheets.reba import ACTION_LEVELS
-from ergoqp.simulation.inputs import check_numbers
+from ergoqp.simulation.loop import check_numbers
 from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.recorded import as_recorded
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.simulation.starts import PLACES, awkward_place
 from ergoqp.step.guide import Guide
 
 

@@ -8,11 +8,9 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, UPPER
-from ergoqp.simulation.people.grasp import AXIS, contact_of
-from ergoqp.simulation.people.mass.anatomy import build
-from ergoqp.simulation.people.mass.angles import reported, upright
-from ergoqp.simulation.people.mass.segments import SEGMENTS, Sex, inertias
-from ergoqp.simulation.people.mass.table import FRICTION, MUSCLES, SOFT_ROBOT
+from ergoqp.lab.mass.body import FRICTION, MUSCLES, SEGMENTS, SOFT_ROBOT, Sex, build, inertias
+from ergoqp.lab.mass.control import reported, upright
+from ergoqp.lab.people.body_tasks import AXIS, contact_of
 
 FRAMES = ("trunk", "neck", "head_top", "right_shoulder", "left_elbow", "right_wrist", "left_grip")
 FRAMES_BELOW = ("right_hip", "left_knee", "right_ankle", "left_sole")

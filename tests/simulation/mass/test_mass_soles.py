@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ergoqp.lab.mass import holding
+from ergoqp.lab.mass.body import FRICTION, cross
+from ergoqp.lab.mass.control import shared
 from ergoqp.problem.way import between
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.mass import holding
-from ergoqp.simulation.people.mass.ground import shared
-from ergoqp.simulation.people.mass.table import FRICTION
-from ergoqp.simulation.people.mass.vectors import cross
 
 SOLE = np.array([[x, y, 0.0] for x in (-0.05, 0.18) for y in (-0.15, -0.06, 0.06, 0.15)])
 WEIGHT = 600.0

@@ -8,15 +8,14 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import LOWER, UPPER
+from ergoqp.lab.mass import holding
+from ergoqp.lab.mass.body import HABITS, PERSON_DOFS, SOFT_ROBOT
+from ergoqp.lab.mass.control import Grasp
+from ergoqp.lab.mass.holding import MassHolding
+from ergoqp.lab.mass.person import Mass
 from ergoqp.problem_files.load import load_problem
+from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.mass import holding
-from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS
-from ergoqp.simulation.people.mass.grasp import Grasp
-from ergoqp.simulation.people.mass.holding import MassHolding
-from ergoqp.simulation.people.mass.person import Mass
-from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT
-from ergoqp.simulation.starts import awkward_start
 
 PROBLEMS = ("screwing", "overhead", "low_bin", "dentist", "desk")
 WEIGHT = 9.81

@@ -8,8 +8,7 @@ import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.people.alike import Alike, sample_person
-from ergoqp.simulation.people.reach_and_relax import REACHED
+from ergoqp.rest.model_person import REACHED, Alike, sample_person
 
 
 @pytest.fixture(scope="module", params=TASKS)

@@ -15,20 +15,15 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
+from ergoqp.lab.people.habits import STATURES, draw_habits
+from ergoqp.lab.people.kinds import RANGE, SHIFT, FollowerPerson
+from ergoqp.lab.people.soft import REACHED, SoftHolding, SoftPerson
+from ergoqp.lab.yardstick import Workspace
 from ergoqp.problem.way import pose_error, straight, turned
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.person import LET_GO, Senses
 from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.anatomy import STATURES
-from ergoqp.simulation.people.dead_zone import SHIFT
-from ergoqp.simulation.people.follower import FollowerPerson
-from ergoqp.simulation.people.habits import draw_habits
-from ergoqp.simulation.people.looking import RANGE
-from ergoqp.simulation.people.person import LET_GO
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding
-from ergoqp.simulation.people.soft_person import SoftPerson
 from ergoqp.simulation.simulate import simulate
-from ergoqp.simulation.yardstick import Workspace
 
 SOFT = tuple(kind for kind in KINDS if kind not in ("alike", "mass"))
 

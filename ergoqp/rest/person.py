@@ -1,0 +1,282 @@
+"""People who follow the object, and the sensors between them and the controller."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Final, Self
+
+import numpy as np
+
+from ergoqp.arguments import check_kind, check_number, shown
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.joints import INDEX, JOINTS
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.way import straight
+
+_ENDS: Final = {
+    "delay": (0.0, 2.0),
+    "hand_time": (1e-3, 10.0),
+    "noise_deg": (0.0, 90.0),
+    "drift_deg": (0.0, 90.0),
+    "drift_time": (1e-3, 3600.0),
+    "lost": (0.0, 1.0),
+}
+"""Least and greatest value of each number of `Senses`."""
+
+
+@dataclass(frozen=True)
+class Senses:
+    """The sensors and delays between a person and the controller.
+
+    Attributes:
+        delay: delay from the object's motion to the person's [s].
+        hand_time: time constant with which the hand follows, after the delay [s].
+        noise_deg: standard deviation of the white noise of every angle of every frame [deg].
+        drift_deg: standard deviation of the slow drift of every angle [deg].
+        drift_time: time constant of the drift [s].
+        lost: share of frames that do not arrive.
+        bias_deg: constant error of the angles of some joints, by their names [deg].
+
+    Raises:
+        InputError: if a value has the wrong type or is out of range, or a joint is unknown.
+
+    Example:
+        >>> from ergoqp.rest.person import Senses
+        >>> senses = Senses(delay=0.2, bias_deg={"right_knee_flexion": 5.0})
+        >>> float(senses.bias.max().round(4))
+        0.0873
+    """
+
+    delay: float = 0.15
+    hand_time: float = 0.05
+    noise_deg: float = 0.5
+    drift_deg: float = 1.0
+    drift_time: float = 10.0
+    lost: float = 0.01
+    bias_deg: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the values and the names of the joints."""
+        for name, ends in _ENDS.items():
+            check_number(name, getattr(self, name), *ends)
+        check_kind(
+            "bias_deg", self.bias_deg, Mapping, "a table of joints, each with its error [deg]"
+        )
+        for name, error in self.bias_deg.items():
+            if name not in INDEX:
+                raise InputError(
+                    f"bias_deg: got {shown(name)}, allowed a joint such as 'right_knee_flexion'"
+                )
+            check_number(f"bias_deg of {name}", error, -90.0, 90.0, "deg")
+
+    @property
+    def bias(self) -> np.ndarray:
+        """Constant error of every joint (32,) [rad]."""
+        return np.radians([self.bias_deg.get(name, 0.0) for name in JOINTS])
+
+
+def frames(
+    senses: Senses, dt: float, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, bool]]:
+    """Yield, for every period, (measurement error (32,) [rad], whether the frame arrives)."""
+    count, bias, noise = len(JOINTS), senses.bias, np.radians(senses.noise_deg)
+    keep = np.exp(-dt / senses.drift_time)
+    drift = rng.normal(size=count) * np.radians(senses.drift_deg)
+    fresh = np.sqrt(1 - keep**2) * np.radians(senses.drift_deg)
+    while True:
+        drift = keep * drift + fresh * rng.normal(size=count)
+        error = bias + drift + rng.normal(size=count) * noise
+        yield error, bool(rng.random() >= senses.lost)
+
+
+def draw_senses(rng: np.random.Generator) -> Senses:
+    """Return random senses, with a delay of 0 to 300 ms."""
+    return Senses(
+        delay=float(rng.uniform(0.0, 0.3)),
+        hand_time=float(rng.uniform(0.04, 0.12)),
+        noise_deg=2.0,
+        drift_deg=1.0,
+        lost=0.01,
+    )
+
+
+LET_GO = 0.12
+"""A hand this far from its grip has let go [m]. A delay cannot explain it at any allowed speed."""
+
+
+class Holding(ABC):
+    """The state of a person who holds the object.
+
+    Attributes:
+        pose: true contact frame of the object in the world (4, 4) [m].
+        gap: largest distance of a hand from where it holds the object [m].
+        senses: sensors between the person and the controller.
+        force: force of the object on the hands (6,) at the contact frame, world-aligned [N, N
+            m]; not finite for people without mass.
+        slipped: number of times that a hand has slipped so far.
+        fallen: whether the person has fallen.
+        unbalanced: whether the centre of mass is outside the base of support.
+        slid: largest distance of a sole from where it was put [m].
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people import person_of_kind
+        >>> person = person_of_kind("alike", ergoqp.load_problem("screwing"), 0)
+        >>> held = person.hold(person.comfort)
+        >>> lower = held.pose.copy()
+        >>> lower[2, 3] -= 0.1
+        >>> held.rest(lower), held.posture.shape
+        (True, (32,))
+    """
+
+    pose: np.ndarray
+    senses: Senses
+    gap: float = 0.0
+    force: np.ndarray = np.full(6, np.nan)
+    slipped: int = 0
+    fallen: bool = False
+    unbalanced: bool = False
+    slid: float = 0.0
+
+    @property
+    @abstractmethod
+    def person(self) -> Person:
+        """The person."""
+
+    @property
+    @abstractmethod
+    def posture(self) -> np.ndarray:
+        """True posture of the person now (32,) [rad]."""
+
+    @property
+    @abstractmethod
+    def base(self) -> np.ndarray:
+        """Pelvis in the world, upright (4, 4) [m]."""
+
+    @abstractmethod
+    def follow(self, pose: np.ndarray, dt: float) -> None:
+        """Advance by `dt` seconds, while the robot moves the object to `pose` (4, 4) [m].
+
+        Args:
+            pose: contact frame that the robot wants at the end of this time (4, 4) [m].
+            dt: duration [s].
+        """
+
+    @abstractmethod
+    def rest(self, pose: np.ndarray) -> bool:
+        """Come to rest, without disturbances, with the object at `pose` (4, 4) [m].
+
+        Returns:
+            Whether the object is reached there.
+        """
+
+    @abstractmethod
+    def copy(self) -> Self:
+        """Return an independent copy of the state."""
+
+    def count_from_here(self) -> None:
+        """Reset the number of slips, and the sliding distance of the soles."""
+        self.slipped, self.slid = 0, 0.0
+
+    def carry(self, pose: np.ndarray) -> bool:
+        """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there.
+
+        If it is not reached, the object stays at the last place on the way that is reached.
+
+        Returns:
+            Whether `pose` is reached.
+        """
+        for part in straight(self.pose, pose):
+            before = self.copy()
+            if not self.rest(part):
+                vars(self).update(vars(before))
+                return False
+        return True
+
+
+class Person(ABC):
+    """One simulated person of a kind.
+
+    Attributes:
+        kind: name of the kind.
+        manner: what people of the kind do, as a clause for people.
+        body: lengths and mass.
+        senses: sensors between the person and the controller.
+        comfort: posture of the person with nothing to reach for (32,) [rad].
+        footing: what supports the person, as a clause for people.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people import person_of_kind
+        >>> person = person_of_kind("looking", ergoqp.load_problem("screwing"), 0)
+        >>> person.kind, person.comfort.shape
+        ('looking', (32,))
+        >>> posture, reached = person.reach(person.hold(person.comfort).pose)
+        >>> reached
+        True
+    """
+
+    kind: ClassVar[str]
+    manner: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def body(self) -> Body:
+        """Body of the person."""
+
+    @property
+    @abstractmethod
+    def comfort(self) -> np.ndarray:
+        """Posture of the person with nothing to reach for (32,) [rad]."""
+
+    @property
+    @abstractmethod
+    def footing(self) -> str:
+        """What supports the person, as a clause for people."""
+
+    @property
+    def senses(self) -> Senses:
+        """Sensors between the person and the controller."""
+        return Senses()
+
+    @property
+    def robot(self) -> DeclaredRobot | None:
+        """Declaration of the robot that is part of this person's simulation.
+
+        None: there is no such robot, and the object is exactly where it is moved to.
+        """
+        return None
+
+    @abstractmethod
+    def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
+        """Return the person holding the object in a posture (32,) [rad].
+
+        The origin of the world is on the floor, midway between the soles (standing) or below
+        the pelvis (seated), with x along the person's heading.
+
+        Args:
+            posture: joint angles (32,) [rad]; the pose of the object follows from them.
+            senses: how late the person follows; None: the senses of this person.
+            seed: seed of what the person does at random.
+        """
+
+    def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
+        """Return the person at rest with the object at `pose` (4, 4), or as near as they reach.
+
+        Args:
+            pose: pose of the object (4, 4) [m], in the world of `hold`.
+            senses: as for `hold`.
+            seed: as for `hold`.
+        """
+        return self.hold(self.reach(pose)[0], senses, seed)
+
+    @abstractmethod
+    def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Come to rest, from comfort, with the object at `pose` (4, 4).
+
+        Returns:
+            The posture (32,) [rad], and whether the object is reached.
+        """

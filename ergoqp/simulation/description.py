@@ -1,0 +1,274 @@
+"""A simulated loop in words: its assumptions, and the terms of its problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, Final
+
+from ergoqp.joints import spoken
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.person import Person, Senses
+from ergoqp.sheets.reba import Method
+from ergoqp.simulation.robot import RobotKind
+from ergoqp.step.guide import Guide
+
+_MANY = 6
+"""Largest number of joints with wrong readings that are named one by one."""
+
+
+def about_person(
+    model: IkResponse,
+    person: Person,
+    senses: Senses,
+    unobserved: tuple[str, ...],
+    place: Guide | None,
+) -> list[str]:
+    """Return sentences on who is simulated, and what the controller knows of them.
+
+    Args:
+        model: the controller's model of the person.
+        person: who is simulated.
+        senses: sensors between the two.
+        unobserved: joints that are not seen.
+        place: place to which a guide leads the object.
+    """
+    own = person.body
+    sentences = [
+        (
+            f"The person is simulated: {own.stature:.2f} m tall, {person.manner}, with a delay"
+            f" ({1e3 * senses.delay:.0f} ms) and measurement noise ({senses.noise_deg:g} deg white,"
+            f" {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the frames lost) that the"
+            " controller does not know."
+        ),
+        f"The controller assumes a nominal person of {model.body.stature:.2f} m.",
+        (
+            "The hand holds the object where it is in the posture at the start, and does not let"
+            f" go; {person.footing}."
+        ),
+    ]
+    if place is not None:
+        x, y, z = place.pose[:3, 3]
+        sentences.append(
+            f"The guide is the place ({x:z.2f}, {y:z.2f}, {z:z.2f}) m: the object goes there if"
+            " descent alone comes to rest at a worse place."
+        )
+    if len(senses.bias_deg) > _MANY:
+        most = max(map(abs, senses.bias_deg.values()))
+        sentences.append(
+            f"The sensors have constant errors of up to {most:.1f} deg in {len(senses.bias_deg)}"
+            " angles, which the controller does not know."
+        )
+    elif senses.bias_deg:
+        wrong = ", ".join(
+            f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items()
+        )
+        sentences.append(
+            f"The sensors have constant errors that the controller does not know: {wrong}."
+        )
+    if unobserved:
+        sentences.append(
+            f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated"
+            f" person starts with {'it' if len(unobserved) == 1 else 'them'} as given in the start."
+        )
+    return sentences
+
+
+def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> list[str]:
+    """Return sentences on what is declared of the robot, and how it behaves.
+
+    Args:
+        problem: the problem with the declaration.
+        robot: how it behaves; None: as declared.
+        person: the person, whose simulation may include its own robot.
+    """
+    declared = _told(problem.robot)
+    does = _told(robot) if robot is not None else ""
+    own = (
+        "holds the object with a spring and a damper, so it lags, and the person's forces move the"
+        " object"
+    )
+    return [
+        (
+            f"The declared robot: {declared}."
+            if declared
+            else (
+                "No robot is declared: the controller assumes one that follows every twist at once."
+            )
+        ),
+        "The simulated robot "
+        + (
+            f"{own}{f', and has {does}' if does else ''}."
+            if person.robot is not None
+            else "does exactly that."
+            if robot is None and not declared
+            else "has errors up to that size."
+            if robot is None
+            else f"has {does}."
+        ),
+    ]
+
+
+def _told(robot: DeclaredRobot | RobotKind) -> str:
+    """Return a robot in words, without the values that are those of a perfect one."""
+    perfect, words = type(robot)(), []
+    for entry in fields(robot):
+        value = getattr(robot, entry.name)
+        if value == getattr(perfect, entry.name):
+            continue
+        name = entry.name.removesuffix("_deg").replace("_", " ")
+        if entry.name.endswith("_deg"):
+            words.append(f"{name} {value:g} deg")
+        elif entry.name == "pose_noise":
+            words.append(f"{name} {1e3 * value:g} mm")
+        elif entry.name in ("gain_error", "speed_noise"):
+            words.append(f"{name} {100 * value:g} %")
+        else:
+            words.append(
+                f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms"
+            )
+    return ", ".join(words)
+
+
+_UNITS: Final[dict[str, str]] = {
+    "look_ahead": "s",
+    "smoothing": "s",
+    "rest_after": "s",
+    "move_after": "s",
+    "rest_filter": "s",
+    "max_age": "s",
+    "average": "s",
+    "delay": "s",
+    "lag": "s",
+    "pose_delay": "s",
+    "pose_noise": "m",
+    "longest_hold": "s",
+    "recovery_time": "s",
+    "relaxation_time": "s",
+    "rate_deg": "deg/s",
+    "rest_below": "points",
+    "move_above": "points",
+    "guide_gain": "points",
+    "guide_price": "points",
+    "effort_linear": "points/(m/s)²",
+    "effort_angular": "points/(rad/s)²",
+    "contact": "points/(m/s)²",
+    "comfort": "points/rad²",
+    "linear_speed": "m/s",
+    "angular_speed": "rad/s",
+    "linear_acceleration": "m/s²",
+    "angular_acceleration": "rad/s²",
+    "lower": "m",
+    "upper": "m",
+    "seat_height": "m",
+    "stature": "m",
+}
+_ENDINGS: Final = {"_deg": "deg", "_kg": "kg"}
+_INNER: Final = (
+    "tolerance",
+    "yield_zone",
+)  # fields of every limit, in its own unit, that only concern how rows are built
+
+
+def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
+    """Return the terms of a problem and the options of the method as text for people.
+
+    Args:
+        problem: the task.
+        solver: name of the QP solver.
+    """
+    control = _fields(problem.control) | {"average": problem.average}
+    changed = [
+        (name, value)
+        for name, value in _fields(problem.method).items()
+        if value != getattr(Method(), name)
+    ]
+    return [
+        ("cost", _cost(problem.cost)),
+        ("person in the controller", _response(problem.response)),
+        *((_spaced(type(limit).__name__), _sentence(_fields(limit))) for limit in problem.limits),
+        *(("task: " + _label(name), _value(name, value)) for name, value in problem.task.items()),
+        *(("method: " + _label(name), _value(name, value)) for name, value in changed),
+        *(("control: " + _label(name), _value(name, value)) for name, value in control.items()),
+        *(
+            ("robot: " + _label(name), _value(name, value))
+            for name, value in _fields(problem.robot).items()
+            if value
+        ),
+        ("QP solver", solver),
+    ]
+
+
+def _cost(cost: Any) -> str:
+    words = cost.name.replace("_", " ")
+    if not hasattr(cost, "taus_deg"):
+        return words
+    parts = zip(cost.weights, cost.taus_deg, strict=True)
+    return f"{words}: " + " + ".join(f"{weight:g} at {tau:g} deg" for weight, tau in parts)
+
+
+def _response(response: Any) -> str:
+    if not isinstance(response, IkResponse):
+        return _spaced(type(response).__name__)
+    where = "standing" if response.stance == "standing" else f"seated at {response.seat:.2g} m"
+    hands = " and ".join(response.hands)
+    turn = "free to turn about" if response.free_about_tool else "firm on"
+    return (
+        f"{response.body.stature:.2f} m, {where}, {hands} hand {turn} the tool ({response.tool} the"
+        " hand)"
+    )
+
+
+def _fields(term: Any) -> dict[str, Any]:
+    return (
+        {entry.name: getattr(term, entry.name) for entry in fields(term)}
+        if is_dataclass(term)
+        else {}
+    )
+
+
+def _sentence(values: Mapping[str, Any]) -> str:
+    told = {
+        name: value
+        for name, value in values.items()
+        if name not in _INNER and value not in ({}, ())
+    }
+    return "; ".join(f"{_label(name)} {_value(name, value)}" for name, value in told.items())
+
+
+def _label(name: str) -> str:
+    for ending in _ENDINGS:
+        name = name.removesuffix(ending)
+    return name.replace("_", " ")
+
+
+def _value(name: str, value: Any) -> str:
+    unit = _UNITS.get(name) or next(
+        (unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), ""
+    )
+    return f"{_plain(value)} {unit}".rstrip()
+
+
+def _plain(value: Any) -> str:
+    if (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and all(isinstance(each, bool) for each in value)
+    ):
+        sides = [side for side, each in zip(("right", "left"), value, strict=True) if each]
+        return " and ".join(sides) or "no"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return f"{value:g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{_label(str(key))} {_plain(each)}" for key, each in value.items())
+    if isinstance(value, (tuple, list)):
+        return ", ".join(map(_plain, value))
+    return str(value)
+
+
+def _spaced(name: str) -> str:
+    return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in name).strip()
