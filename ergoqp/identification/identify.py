@@ -1,4 +1,4 @@
-"""Identification of a person from their postures at rest: the most likely traits."""
+"""Identification of a person from their postures at rest: the most likely traits.
 
 The part of a person's rests that no traits explain, and its prediction at other places.
 

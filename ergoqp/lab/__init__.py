@@ -1,1 +1,1 @@
-"""Beside the core: people of other kinds, people with mass, baselines, groups, the report's studies."""
+"""Beside the core: people of other kinds and with mass, baselines, groups, the report's studies."""

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import casadi as ca
 
-from ergoqp.human.kinematics import Kinematics, base_jacobian
+from ergoqp.human import Kinematics
+from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.responses.contact import contact_frame
 from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
