@@ -34,9 +34,9 @@ import numpy as np
 from benchmarks.report import Report, run
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit
-from ergoqp.limits.own_rates import OwnRates
-from ergoqp.problem.control import Control
+from ergoqp.limits.custom import OwnRates
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Control
 from ergoqp.responses import LinearResponse
 from ergoqp.step.stepper import Stepper
 

@@ -15,8 +15,7 @@ import numpy as np
 from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY
 from ergoqp.costs.load import load_cost
-from ergoqp.datasets.cache import cached_data
-from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.data import DataSet, cached_data
 from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
@@ -194,7 +193,7 @@ def ledgers(folder: Path) -> Kind:
     """Ledgers of finished starts."""
 
     def made(rng: Rng) -> bytes:
-        from ergoqp.expressions.quaternions import pose_as_dict
+        from ergoqp.expressions.rigid import pose_as_dict
 
         trials = [_trial(rng) for _ in range(4)]
         del pose_as_dict

@@ -37,10 +37,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.lab.forearm import forearm_data, nearest_sample_cost, true_cost
 from ergoqp.lab.forearm_models import (

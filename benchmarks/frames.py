@@ -42,9 +42,9 @@ from ergoqp.human import Body
 from ergoqp.identification.calibrate import calibrate_frames
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import pose_error
+from ergoqp.problem.settings import Frames
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.best_place import TURNS, awkward_start, tilted_frames
 from ergoqp.rest.person import Holding, Person, Senses

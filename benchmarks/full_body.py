@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.load import load_cost
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import OneClass

@@ -24,7 +24,7 @@ from typing import Any
 from benchmarks.report import Report, run
 from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
 from ergoqp.seeking.seeker import a_place
 

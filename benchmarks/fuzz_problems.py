@@ -14,10 +14,8 @@ from benchmarks.fuzz_regions import random_regions
 from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.problem.control import Control
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.problem_files.load import TASKS, load_problem
 
 Rng = np.random.Generator

@@ -2,7 +2,7 @@
 
 The cost, the response or a limit of a user becomes NaN or infinite in a band: of one joint's angle,
 or of one coordinate of the object. The band is either switched on after the problem was made, or
-lies where the trials of the construction (`ergoqp.problem.tried`, `ergoqp.limits.own_rates`) do not
+lies where the trials of the construction (`ergoqp.problem.validate`, `ergoqp.limits.custom`) do not
 draw: a problem that is refused is drawn again. `Spoiled` says in numpy what a step has to name.
 """
 

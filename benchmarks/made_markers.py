@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.joints import SIDES
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.markers.fit import places_of_markers

@@ -10,7 +10,7 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.recordings import Recording, fit_postures
 from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 RATE = 60.0
 BODY = Body.of_stature(1.72)

@@ -54,13 +54,13 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 MUTATED: Final = (
     "ergoqp/step/**/*.py",
     "ergoqp/limits/*.py",
-    "ergoqp/export/fields.py",
+    "ergoqp/export/layout.py",
     "ergoqp/export/layout.py",
     "ergoqp/simulation/check.py",
     "ergoqp/simulation/check.py",
-    "ergoqp/problem/frames.py",
+    "ergoqp/problem/settings.py",
     "ergoqp/problem/room.py",
-    "ergoqp/problem/tried.py",
+    "ergoqp/problem/validate.py",
     "ergoqp/identification/calibrate.py",
     "ergoqp/sheets/*.py",
     "ergoqp/sheets/*.toml",
@@ -88,7 +88,7 @@ TESTS: Final = (
 PINNED: Final = "tests/step/test_pinned.py"
 
 READS: Final = {
-    "ergoqp/sheets/reba.toml": "ergoqp/sheets/look_up.py",
+    "ergoqp/sheets/reba.toml": "ergoqp/sheets/assessment.py",
     "ergoqp/sheets/interval.toml": "ergoqp/sheets/interval.py",
     "ergoqp/step/causes.py": "ergoqp/step/answer.py",
 }

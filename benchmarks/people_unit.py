@@ -36,8 +36,8 @@ from benchmarks.people_way import (
 )
 from ergoqp.lab.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.lab.population import person_of
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.way import between, straight
+from ergoqp.problem.geometry import between, straight
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.seeking import Seeker
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import pose_error
 from ergoqp.rest.person import Holding
 from ergoqp.simulation.loop import Trace, power_above
 

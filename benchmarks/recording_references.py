@@ -45,7 +45,7 @@ from ergoqp.recordings.joints import joints_of
 from ergoqp.recordings.markers.fit import places_of_markers
 from ergoqp.recordings.readers import read_motion
 from ergoqp.sheets import reba
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "mocap"
 VARIES = 8.0

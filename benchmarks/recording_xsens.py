@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.recordings import load_recording
 from ergoqp.recordings.readers import read_motion
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 _BENT: Final = 20.0
 _SPINE: Final = (

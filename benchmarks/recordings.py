@@ -69,7 +69,7 @@ from ergoqp.recordings.fitting.leaning import leans
 from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
 from ergoqp.recordings.joints import joints_of
 from ergoqp.recordings.readers import read_motion
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.recorded import as_recorded
 from ergoqp.simulation.simulate import simulate

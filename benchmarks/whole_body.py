@@ -3,7 +3,7 @@
 It shows whether the twist is that of the fast step, and whether distance and joint limits are kept.
 
 Run ``python -m benchmarks.whole_body [--quick | --full] [--json FILE]``. Every problem is run with
-the Panda of ``models/panda.xml``, its base where `ergoqp.whole_body.placing.default_base` puts it,
+the Panda of ``models/panda.xml``, its base where `ergoqp.whole_body.grasp.default_base` puts it,
 from awkward starts (each the worst of ten random places) of simulated people whose joint weights
 are not the controller's, whose body is; they follow with a delay of 150 ms. Starts at which the arm
 cannot hold the object, with the distance kept, are counted as ``unreachable`` and left out.

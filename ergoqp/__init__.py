@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from ergoqp.identification.calibrate import calibrate_frames as calibrate_frames
     from ergoqp.identification.identify import identify as identify
     from ergoqp.placing.optimise import optimise as optimise
-    from ergoqp.problem.control import Control as Control
-    from ergoqp.problem.frames import Frames as Frames
     from ergoqp.problem.problem import Problem as Problem
-    from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
+    from ergoqp.problem.settings import Control as Control
+    from ergoqp.problem.settings import DeclaredRobot as DeclaredRobot
+    from ergoqp.problem.settings import Frames as Frames
     from ergoqp.problem_files.load import load_problem as load_problem
     from ergoqp.recordings.load import fit_postures as fit_postures
     from ergoqp.recordings.load import load_recording as load_recording
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from ergoqp.step.timing import benchmark_step as benchmark_step
 
 _LATER = {
-    "Control": "ergoqp.problem.control",
-    "DeclaredRobot": "ergoqp.problem.robot",
-    "Frames": "ergoqp.problem.frames",
+    "Control": "ergoqp.problem.settings",
+    "DeclaredRobot": "ergoqp.problem.settings",
+    "Frames": "ergoqp.problem.settings",
     "Problem": "ergoqp.problem.problem",
     "Seeker": "ergoqp.seeking.seeker",
     "Step": "ergoqp.step.answer",

@@ -13,7 +13,7 @@ import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone
-from ergoqp.problem_files import own_terms
+from ergoqp.problem_files import schema as own_terms
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.recordings.load import load_recording
 from ergoqp.registry import GROUPS, registered

@@ -28,10 +28,8 @@ from ergoqp.limits import (
 )
 from ergoqp.limits.limit import Rows, Situation, straight_margins
 from ergoqp.placing.optimise import optimise
-from ergoqp.problem.control import Control
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.rest.person import Senses
 from ergoqp.simulation.points import run_points

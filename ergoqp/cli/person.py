@@ -234,8 +234,8 @@ def _score(
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.score import score
+    from ergoqp.sheets.options import TaskOptions
     from ergoqp.sheets.reba import Method
-    from ergoqp.sheets.task import TaskOptions
 
     task = TaskOptions(
         load_kg=load_kg,

@@ -10,18 +10,15 @@ from typing import Any, Final
 
 from ergoqp._version import __version__
 from ergoqp.comparison.derive import derived
-from ergoqp.comparison.figures import figures_of
 from ergoqp.comparison.picture import comparison_picture
-from ergoqp.comparison.record import RecordedQps, record
-from ergoqp.comparison.sequence_files import save_sequences
-from ergoqp.comparison.trial import SolverTrial, try_solver
+from ergoqp.comparison.record import RecordedQps, record, save_sequences
+from ergoqp.comparison.trial import SolverTrial, figures_of, try_solver
 from ergoqp.errors import InputError
-from ergoqp.files.whole import write_whole
+from ergoqp.files.atomic import write_whole
 from ergoqp.problem.problem import Problem
 from ergoqp.progress import Progress
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session, solver_named
-from ergoqp.solvers.judge import tidy
-from ergoqp.solvers.sequence import QpSequence
+from ergoqp.solvers.session import QpSequence, tidy
 
 STEPS: Final = 300
 """Default number of recorded control steps."""
@@ -44,7 +41,7 @@ class Comparison:
         sequences: the QPs, including the derived ones.
         trials: every solver on every sequence.
         figures: solver -> figure -> number, each in the unit of
-            `ergoqp.comparison.figures.figures_of`.
+            `ergoqp.comparison.trial.figures_of`.
         missing: solvers that are not installed and were not asked for.
 
     Example:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ergoqp.comparison.trial import SolverTrial
 from ergoqp.errors import MissingExtraError
-from ergoqp.files.whole import whole
+from ergoqp.files.atomic import whole
 from ergoqp.solvers import solver_named
-from ergoqp.solvers.judge import TOLERANCES
+from ergoqp.solvers.session import TOLERANCES
 
 _COLD, _WARM, _LATE = "#2f5d8c", "#dd6b20", "#b9bec6"
 _LEAST = 1e-16

@@ -17,9 +17,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.reduce import Reduction
+from ergoqp.costs.svr import Reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack

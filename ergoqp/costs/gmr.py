@@ -20,11 +20,10 @@ from ergoqp.arguments import (
     check_word,
     numbers_of,
 )
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.learning.mixture_em import em, estimate, mixture_of
-from ergoqp.learning.mixture_regression import MixtureRegression, Prediction
+from ergoqp.learning.mixtures import MixtureRegression, Prediction, em, estimate, mixture_of
 from ergoqp.learning.pipelines import check_radians, named
 
 if TYPE_CHECKING:

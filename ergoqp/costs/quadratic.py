@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import MissingExtraError, ModelError
 

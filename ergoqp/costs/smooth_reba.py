@@ -26,10 +26,18 @@ from ergoqp.costs import distributions as d
 from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
+from ergoqp.sheets.assessment import read_postures
 from ergoqp.sheets.description import Segment, Sheet
-from ergoqp.sheets.options import Method, check_by_joint, read_method, sheet_of
-from ergoqp.sheets.postures import read_postures
-from ergoqp.sheets.task import DEFAULTS, Task, TaskOptions, read_task
+from ergoqp.sheets.options import (
+    DEFAULTS,
+    Method,
+    Task,
+    TaskOptions,
+    check_by_joint,
+    read_method,
+    read_task,
+    sheet_of,
+)
 
 Expression = TypeVar("Expression", ca.SX, ca.MX)
 

@@ -8,15 +8,23 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp._version import __version__
-from ergoqp.arguments import path_of
+from ergoqp.arguments import path_of, read_array
 from ergoqp.errors import InputError
-from ergoqp.export.example import example_start, start_header
-from ergoqp.export.fields import input_fields, output_fields, python_fields
-from ergoqp.export.layout import header, memory_header, names_source
-from ergoqp.files.whole import whole_folder
+from ergoqp.export.layout import (
+    header,
+    input_fields,
+    memory_header,
+    names_source,
+    output_fields,
+    python_fields,
+)
+from ergoqp.files.atomic import whole_folder
+from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import compiler
 from ergoqp.native.daqp import (
@@ -31,8 +39,48 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.certification import longest_stop
 from ergoqp.step.function import build_step
 from ergoqp.step.guide import read_guide
-from ergoqp.step.model import StepModel
+from ergoqp.step.model import StepModel, stand_in
 from ergoqp.step.rest import UNKNOWN
+
+_RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
+"""Angles of the working arms [deg]."""
+
+
+def example_start(problem: Problem, given: ArrayLike | None = None) -> np.ndarray:
+    """Return the state (n,) at which the example starts.
+
+    Args:
+        problem: the task.
+        given: the user's state. None: comfort with the working arms raised, or, where the state is
+            points within a learned boundary, the centre with the highest cost.
+
+    Raises:
+        InputError: if the user's state is not valid.
+    """
+    n = len(problem.coordinates)
+    if given is not None:
+        return read_array("start", given, (n,), f"{n} finite numbers")
+    start = stand_in(problem).copy()
+    if problem.coordinates == JOINTS:
+        for side in getattr(problem.response, "hands", SIDES):
+            for joint, angle in _RAISED.items():
+                start[INDEX[f"{side}_{joint}"]] = np.radians(angle)
+        return start
+    boundary, length = problem.limit_of(OneClassBoundary), problem.limit_of(ArmLength)
+    if boundary is None or tuple(boundary.model.coordinates.names) != tuple(problem.coordinates):
+        return start
+    model = boundary.model
+    points = model.mean + model.scale * model.centres
+    points = points if length is None else length.project(points)
+    inside = points[model.margin(points) > 0]
+    points = inside if len(inside) else points
+    return points[int(np.argmax(problem.cost(points)))]
+
+
+def start_header(start: np.ndarray) -> str:
+    """Return ``start.h``: the state as the initialiser of an array in C."""
+    return f"#define START {{{', '.join(f'{value:.6g}' for value in start.tolist())}}}\n"
+
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""

@@ -17,7 +17,7 @@ from ergoqp.coordinates import FOREARM
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.sheets.postures import read_postures
+from ergoqp.sheets.assessment import read_postures
 
 Array = NDArray[np.float64]
 

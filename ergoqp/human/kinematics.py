@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.quaternions import matrix_of
-from ergoqp.human.body import Body
-from ergoqp.human.growth import Offsets
+from ergoqp.expressions.rigid import matrix_of
+from ergoqp.human.body import Body, Offsets
 from ergoqp.joints import INDEX, JOINTS
 
 Expression = TypeVar("Expression", ca.SX, ca.MX, ca.DM)
@@ -61,7 +60,7 @@ class Kinematics:
     Args:
         body: the person; all numbers come from its loaded MuJoCo model.
         growth: relative growth of the person over `body`, in the order of
-            `ergoqp.human.growth.GROWTH`; None: no growth.
+            `ergoqp.human.body.GROWTH`; None: no growth.
 
     Example:
         >>> import numpy as np

@@ -21,8 +21,8 @@ from ergoqp.arguments import check_kind, names_of
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import turned
 from ergoqp.identification.loops import rests_in, rests_of, watched
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 
 _FEWEST: Final = 3
 """Rests below this number determine nothing."""

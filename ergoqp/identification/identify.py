@@ -32,12 +32,12 @@ import numpy as np
 from ergoqp.arguments import check_kind
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.human.growth import GROWTH
+from ergoqp.human.body import GROWTH
 from ergoqp.identification.loops import Resting, delay_of, rests_in, rests_of, watched
 from ergoqp.identification.rest_model import ModelRest, RestModel, Situation, situation_of
 from ergoqp.joints import JOINTS, LOWER, UPPER
+from ergoqp.problem.geometry import between
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import between
 from ergoqp.responses.ik import IkResponse
 
 WIDTHS: Final = tuple(np.radians([0.0, 1.5, 3.0, 5.0]))

@@ -12,10 +12,10 @@ import numpy as np
 from ergoqp.arguments import as_tuple, read_array, shown
 from ergoqp.errors import InputError, ModelError
 from ergoqp.expressions.rigid import read_pose
-from ergoqp.files.npz import read_npz
+from ergoqp.files.read import read_npz
 from ergoqp.joints import JOINTS
-from ergoqp.problem.frames import Frames
-from ergoqp.problem.way import pose_error
+from ergoqp.problem.geometry import pose_error
+from ergoqp.problem.settings import Frames
 
 WINDOW: Final = 1.0
 """Time over which postures are averaged [s]."""

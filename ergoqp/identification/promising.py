@@ -17,8 +17,8 @@ import numpy as np
 
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.identification.identify import Identified
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import Workspace
 
 LIKELY: Final = 48
 """Number of people who are as likely as the identified one."""

@@ -30,11 +30,11 @@ import numpy as np
 
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.human import Kinematics
-from ergoqp.human.growth import GROWTH
+from ergoqp.human.body import GROWTH
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.responses.gaze import gaze
 from ergoqp.responses.holding import Holding, Situated, hang, soles_of
 from ergoqp.responses.ik import IkResponse
+from ergoqp.responses.stance import gaze
 
 WEIGHT_SD: Final = 1.0
 """Standard deviation of the logarithm of a joint's weight."""

@@ -20,9 +20,8 @@ from ergoqp.human import Body
 from ergoqp.lab.people.body_tasks import BodyTasks, Work
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.native.compiled import compiled as machine_code
+from ergoqp.problem.geometry import frame_of, pose_error, turn_between, turned
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import pose_error, turn_between, turned
-from ergoqp.problem.workspace import frame_of
 from ergoqp.step.answer import Step
 
 AHEAD = 0.40

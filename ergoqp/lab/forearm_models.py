@@ -35,18 +35,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.coordinates import FOREARM
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.ladder import OneClassLadder
-from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.reduce import reduced
-from ergoqp.costs.svr import Svr
-from ergoqp.datasets.cache import cached_data
-from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.postures import MOST_PER_SCORE
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.costs.svr import Svr, reduced
+from ergoqp.datasets.data import DataSet, cached_data
+from ergoqp.datasets.postures import MOST_PER_SCORE, balanced_postures
 from ergoqp.human import Body
 from ergoqp.human.forearm import forearm_length, forearm_points, read_points
-from ergoqp.learning.features import Columns
-from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.learning.kernels import Columns, Kernel, KernelSum
 from ergoqp.learning.one_class import OneClass
 from ergoqp.learning.pipelines import sklearn
 from ergoqp.progress import Progress

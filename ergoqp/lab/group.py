@@ -23,8 +23,8 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.arguments import check_whole, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.quaternions import pose_as_dict
-from ergoqp.files.whole import whole, write_json
+from ergoqp.expressions.rigid import pose_as_dict
+from ergoqp.files.atomic import whole, write_json
 from ergoqp.human import Body
 from ergoqp.lab.group_search import (
     AXES,

@@ -16,7 +16,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.sheets.task import TaskOptions
+from ergoqp.sheets.options import TaskOptions
 
 STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
 """Statures from a small woman to a tall man [m]."""

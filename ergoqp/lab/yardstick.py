@@ -16,8 +16,8 @@ import numpy as np
 
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.joints import JOINTS
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import Workspace
 from ergoqp.rest.person import Holding
 
 NOISE_DEG = 2.0

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import path_of
 from ergoqp.errors import ModelError
-from ergoqp.files.npz import read_npz
-from ergoqp.files.whole import whole
+from ergoqp.files.atomic import whole
+from ergoqp.files.read import read_npz
 
 FORMAT: Final = "ergoqp-model-1"
 """Name of the format, in the header of every file."""

@@ -215,7 +215,7 @@ class Limit(Protocol):
         holds: kind of the package's own limits: ``"workspace"``, ``"tool axis"``, ``"joints"``,
             ``"boundary"`` or ``"length"``. For the first limit of each kind, the optimum, the place
             search and the checker have their own computation. All other limits are judged by
-            `rows`, see `ergoqp.limits.own_rows`.
+            `rows`, see `ergoqp.limits.custom`.
         breach: word that precedes the row's name when it is violated. Default: ``"outside"``.
         state: names of the coordinates that the limit is about. Default: any.
         commanded: whether the twist must be the velocity of that state itself. Default: False.

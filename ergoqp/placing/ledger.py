@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.files.cache import digest_of
-from ergoqp.files.content import content_of
-from ergoqp.files.text import json_of
+from ergoqp.files.cache import content_of, digest_of
+from ergoqp.files.read import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary
 from ergoqp.placing.optimum import Trial, response_as_dict

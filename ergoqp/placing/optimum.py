@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.quaternions import pose_as_dict, pose_from_dict
-from ergoqp.files.text import read_json
-from ergoqp.files.whole import write_json
+from ergoqp.expressions.rigid import pose_as_dict, pose_from_dict
+from ergoqp.files.atomic import write_json
+from ergoqp.files.read import read_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.responses.ik import IkResponse

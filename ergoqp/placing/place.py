@@ -9,8 +9,8 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import frame_of, turn_about
 
 
 @dataclass(frozen=True)

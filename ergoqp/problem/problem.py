@@ -17,19 +17,15 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import KeepOut, Limit, TwistLimit, WorkspaceBox
-from ergoqp.limits.own_rows import OwnLimits
+from ergoqp.limits.custom import OwnLimits
+from ergoqp.limits.keep_out import WayOut
 from ergoqp.limits.stop import Stop
-from ergoqp.limits.way_out import WayOut
-from ergoqp.problem.control import Control
-from ergoqp.problem.frames import Frames
-from ergoqp.problem.kinds import check_expression, check_kinds
-from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.room import no_room
-from ergoqp.problem.tried import check_pace, judge_terms
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
+from ergoqp.problem.validate import check_expression, check_kinds, check_pace, judge_terms
 from ergoqp.responses import LinearResponse, Response
-from ergoqp.sheets.options import check_by_joint
+from ergoqp.sheets.options import TaskOptions, check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
-from ergoqp.sheets.task import TaskOptions
 
 _AVERAGE: Final = 0.05
 
@@ -140,7 +136,7 @@ class Problem:
 
     @cached_property
     def own_limits(self) -> OwnLimits:
-        """The limits that are judged by their rows only, see `ergoqp.limits.own_rows`."""
+        """The limits that are judged by their rows only, see `ergoqp.limits.custom`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
 
     @cached_property
@@ -152,7 +148,7 @@ class Problem:
 
     @cached_property
     def own_times(self) -> dict[str, float]:
-        """How long a user's cost and response take [s], see `ergoqp.problem.tried`."""
+        """How long a user's cost and response take [s], see `ergoqp.problem.validate`."""
         return judge_terms(self.cost, self.response)
 
     @cached_property

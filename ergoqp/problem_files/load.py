@@ -13,11 +13,11 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from ergoqp.arguments import path_of, shown
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.load import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, ProblemError
-from ergoqp.files.text import read_toml
+from ergoqp.files.read import read_toml
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
@@ -34,15 +34,10 @@ from ergoqp.limits import (
     WorkspaceBox,
 )
 from ergoqp.paths import data_folder
-from ergoqp.problem.control import Control
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem_files.full_keys import full_keys
-from ergoqp.problem_files.keys import given_tables
-from ergoqp.problem_files.mistakes import listed, mistakes
-from ergoqp.problem_files.own_terms import build_own, file_table, own_tables
-from ergoqp.problem_files.tables import (
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
+from ergoqp.problem_files.messages import full_keys, given_tables, listed, mistakes, unusual
+from ergoqp.problem_files.schema import (
     FileTable,
     JointsTable,
     PointSpeedTable,
@@ -50,11 +45,13 @@ from ergoqp.problem_files.tables import (
     SmoothRebaTable,
     TaskTable,
     TwistTable,
+    build_own,
+    file_table,
+    own_tables,
 )
-from ergoqp.problem_files.usual import unusual
 from ergoqp.responses import IkResponse, LinearResponse, Response
+from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method
-from ergoqp.sheets.task import TaskOptions
 
 
 def _point_speed(speed: float, acceleration: float) -> TwistLimit:

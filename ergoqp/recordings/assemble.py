@@ -10,7 +10,7 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings.assumed import (
     axes_to_ours,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opensim import posed
 from ergoqp.recordings.formats.ready_angles import own_angles, placed_by_angles

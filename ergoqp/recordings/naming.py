@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.errors import InputError, RecordingError, UnknownNamesError
-from ergoqp.files.text import read_toml
+from ergoqp.files.read import read_toml
 from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.guess import guessed
 from ergoqp.recordings.markers.landmarks import LANDMARKS

@@ -8,7 +8,7 @@ from typing import Final
 
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import Naming
 

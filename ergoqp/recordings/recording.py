@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 
 
 @dataclass(frozen=True)

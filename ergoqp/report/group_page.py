@@ -16,16 +16,16 @@ from ergoqp.placing.place import Placing
 from ergoqp.placing.slices import Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
-from ergoqp.report.body.lineup import Standing, lineup
+from ergoqp.report.body.figure import Standing, lineup
 from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
-from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
-from ergoqp.report.place_words import (
+from ergoqp.report.optimum_page import (
     place_words,
     score_headline,
     slice_words,
     task_options,
     tilt_words,
 )
+from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
 """The objectives in words."""

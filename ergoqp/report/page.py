@@ -1,4 +1,6 @@
-"""One self-contained page: its parts, and how it is rendered.
+"""One self-contained page: its parts, how it is rendered, and numbers for people.
+
+One self-contained page: its parts, and how it is rendered.
 
 Everything except pictures is escaped.
 """
@@ -9,12 +11,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ergoqp._version import __version__
 from ergoqp.errors import MissingExtraError
-from ergoqp.files.whole import write_whole
+from ergoqp.files.atomic import write_whole
 from ergoqp.report import palette
-from ergoqp.report.charts.frame import NARROW, WIDTH
+from ergoqp.report.charts.axes import NARROW, WIDTH
+from ergoqp.sheets.assessment import Assessment, assess_rows, read_postures
 
 
 @dataclass(frozen=True)
@@ -170,3 +177,41 @@ def render(page: Page) -> str:
         unscored=palette.UNSCORED,
         points=palette.POINTS,
     )
+
+
+_LEAST: Final = 1e-6
+"""Smaller numbers are written as smaller than this."""
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, such as ``4420``, ``0.0312``, ``< 0.000001``.
+
+    Args:
+        value: any number; a number that is not finite gives a dash.
+        digits: number of significant digits, without zeros at the end.
+    """
+    value = float(value)
+    if not np.isfinite(value):
+        return "–"
+    if 0 < abs(value) < _LEAST:
+        return f"< {np.format_float_positional(_LEAST)}" if value > 0 else "0"
+    text = np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+    return text.replace("-", "−")
+
+
+def microseconds(value: float) -> str:
+    """Return a duration [µs] as text, in µs or ms."""
+    return f"{plain(value)} µs" if value < 1e4 else f"{plain(value / 1e3)} ms"
+
+
+def scored_alike(assessment: Assessment, postures: NDArray[np.float64]) -> Assessment:
+    """Score other postures (n, 32) [rad] with the method of an assessment.
+
+    The task options are those of its first posture.
+    """
+    return assess_rows(read_postures(postures), assessment.method, assessment._task.rows(0))
+
+
+def is_seated(assessment: Assessment) -> bool:
+    """Return whether the first posture was scored as seated."""
+    return bool(assessment._task.rows(0).flag("seated"))

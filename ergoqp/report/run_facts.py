@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.report import palette
-from ergoqp.report.numbers import plain
+from ergoqp.report.page import plain
 from ergoqp.simulation.run import Run
 
 _MOST_REASONS: Final = 25

@@ -15,13 +15,12 @@ from ergoqp.joints import JOINTS, spoken
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
-from ergoqp.report.body.replay import Movement, timing_of
+from ergoqp.report.body.person import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart
 from ergoqp.report.charts.strips import segments_strips
-from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
+from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, is_seated, write_page
 from ergoqp.report.scores import summary_of, worst_in_words
-from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
 

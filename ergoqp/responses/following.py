@@ -1,4 +1,6 @@
-"""The algebra of `ergoqp.responses.ik`: joint rates when the object moves, and when it does not.
+"""The algebra of `ergoqp.responses.ik`: S(q), and joint rates when the object moves or does not.
+
+The algebra of `ergoqp.responses.ik`: joint rates when the object moves, and when it does not.
 
 All rates of pelvis, trunk, neck and arms together minimise 1/2 v' W v + 1/2 |A v - a|^2 / s^2. The
 rows A v = a are those of the hands, which follow the object, and those of the gaze, which follows
@@ -19,11 +21,62 @@ from ergoqp.expressions.linear import spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import JOINTS
-from ergoqp.responses.contact import about_tool, carried_to, contact_frame, pose_matrix
-from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
-from ergoqp.responses.gaze import Gaze, gaze
-from ergoqp.responses.sensitivity import sensitivity_function
-from ergoqp.responses.stance import LEGS, Stance
+from ergoqp.responses.stance import (
+    LEGS,
+    TRUNK,
+    Gaze,
+    Stance,
+    about_tool,
+    arm_of,
+    carried_to,
+    contact_frame,
+    gaze,
+    hanging,
+    pose_matrix,
+    swinging,
+)
+
+
+def sensitivity_function(
+    geometry: ca.Function, chain: list[int], hanging: list[int], damping: float, hands: int
+) -> ca.Function:
+    """Return ``(q, locked) -> (S, E)`` from the geometry, as products of matrices.
+
+    Args:
+        geometry: ``(q (32,), locked (32,)) -> (K', W^-1 K', softness, wanted, legs, swing)`` of
+            `ergoqp.responses.following`.
+        chain: joints from the trunk up for which K has columns, after the four of the pelvis; those
+            of the trunk come first.
+        hanging: joints that swing with those of the trunk.
+        damping: damping of the rows of the hands [m, rad].
+        hands: number of the rows of the hands, which come first.
+    """
+    q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
+    K, pull, softness, wanted, legs, swing = geometry(q, locked)
+    M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
+    inverse = ca.Function("inverse", [M], [spd_inverse(M)])
+    multipliers = inverse(K.T @ pull + softness) @ wanted
+    rates = pull @ multipliers
+    swung = ca.vec(swing @ rates[4:7, :]) if hanging else ca.MX(0, 1)
+    moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), swung, 0)
+    # The legs follow the pelvis, and a hanging arm follows the trunk. All other joints are rates
+    # themselves. Joints that are none of these stay zero, the last entry.
+    height, at_legs = 4 + len(chain), 6 * (4 + len(chain))
+    places = np.full((len(JOINTS), 6), moved.numel() - 1)
+    places[chain] = np.arange(6 * height).reshape(6, height).T[4:]
+    places[LEGS] = at_legs + np.arange(6 * len(LEGS)).reshape(6, -1).T
+    places[hanging] = at_legs + 6 * len(LEGS) + np.arange(6 * len(hanging)).reshape(6, -1).T
+    S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
+    # G xi - J S xi: the rest due to damping, which is everything where the joints cannot follow.
+    E = damping**2 * multipliers[:hands, :]
+    return ca.Function(
+        "sensitivity",
+        [q, locked],
+        [S, ca.densify(E)],
+        ["q", "locked"],
+        ["sensitivity", "unmet"],
+    )
+
 
 Stand = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], Stance]
 """Returns the stance at a posture, from joint weights, locks and desired rates (32,) each."""
@@ -36,7 +89,7 @@ class Following:
     Attributes:
         kinematics: kinematics of the body.
         hands: hands that hold the object.
-        tool: axis of the tool, a key of `ergoqp.responses.contact.TOOL_AXES`.
+        tool: axis of the tool, a key of `ergoqp.responses.stance.TOOL_AXES`.
         free_about_tool: whether the hand may turn about this axis.
         damping: softness of the rows of the hands [m, rad].
         weights: cost of the rate of each joint (32,).

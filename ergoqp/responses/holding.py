@@ -11,11 +11,17 @@ import casadi as ca
 from ergoqp.human import Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.responses.contact import contact_frame
-from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
-from ergoqp.responses.gaze import gaze
 from ergoqp.responses.ik import IkResponse
-from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
+from ergoqp.responses.stance import (
+    LEG_JOINTS,
+    STRAIGHT_KNEE,
+    TRUNK,
+    arm_of,
+    contact_frame,
+    gaze,
+    hanging,
+    swinging,
+)
 
 _ROUND = 1e-3
 """Width of the transition from straight to bent knees [rad].

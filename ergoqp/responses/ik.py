@@ -14,11 +14,76 @@ from ergoqp.arguments import check_kind, check_number, flag, names_of, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.responses.by_joint import DEFAULT_COMFORT_DEG, DEFAULT_WEIGHTS, per_joint
-from ergoqp.responses.contact import TOOL_AXES
 from ergoqp.responses.following import Following
-from ergoqp.responses.free_arm import HANGING_DEG, arm_of, swinging
-from ergoqp.responses.stance import LEG_JOINTS, Stance, seat_in_words, seated, standing
+from ergoqp.responses.stance import (
+    HANGING_DEG,
+    LEG_JOINTS,
+    TOOL_AXES,
+    Stance,
+    arm_of,
+    seat_in_words,
+    seated,
+    standing,
+    swinging,
+)
+
+DEFAULT_WEIGHTS: Final[dict[str, float]] = {
+    "trunk_flexion": 3.5,
+    "trunk_side_bend": 8.0,
+    "trunk_twist": 5.0,
+    "shoulder_flexion": 1.0,
+    "shoulder_abduction": 3.0,
+    "shoulder_rotation": 0.8,
+    "elbow_flexion": 0.6,
+    "forearm_pronation": 0.4,
+    "wrist_flexion": 1.0,
+    "wrist_deviation": 1.5,
+    "hip_flexion": 2.0,
+    "hip_abduction": 5.0,
+    "hip_rotation": 5.0,
+    "knee_flexion": 3.5,
+    "ankle_flexion": 3.0,
+    "ankle_inversion": 5.0,
+}
+"""Relative cost of moving each joint, the same on both sides.
+
+The trunk carries half of the body; the forearm carries little.
+"""
+
+DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
+    "standing": {"hip_flexion": 4.0, "knee_flexion": 8.0, "ankle_flexion": 4.0},
+    "seated": {"hip_flexion": 85.0, "knee_flexion": 85.0},
+}
+"""Comfort angles of the legs if a problem does not give them [deg].
+
+People do not stand with locked knees, and locked knees cannot follow.
+"""
+
+
+def per_joint(
+    given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str
+) -> np.ndarray:
+    """Return one value per joint (32,) from values by name.
+
+    A name without a side means both sides.
+
+    Raises:
+        InputError: if a name is not the name of a joint.
+    """
+    values = np.full(len(JOINTS), rest)
+    for table in (defaults, given):
+        # Names with a side come last. So they override the name of both sides in any order.
+        for name in sorted(table, key=lambda key: key in INDEX):
+            targets = [name] if name in INDEX else [f"{side}_{name}" for side in SIDES]
+            if any(target not in INDEX for target in targets):
+                raise InputError(
+                    f"{what}: got {name!r}, allowed a joint such as 'trunk_flexion' or"
+                    " 'elbow_flexion'"
+                )
+            for target in targets:
+                values[INDEX[target]] = table[name]
+    return values
+
 
 _ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
 
@@ -53,7 +118,7 @@ class IkResponse:
         damping: damping of the rows of the hands [m, rad], so that singular arms do not ask for
             infinite rates.
         looks: whether the person looks at the work. The neck then follows it, and trunk and neck
-            share what the eyes do not turn, see `ergoqp.responses.gaze`. Otherwise the neck stays
+            share what the eyes do not turn, see `ergoqp.responses.stance`. Otherwise the neck stays
             as it is.
         attention: cost of not seeing the work with ease, per rad^2 beyond the easy turn of the
             eyes, in the units of `weights`.

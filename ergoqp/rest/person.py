@@ -13,8 +13,8 @@ from ergoqp.arguments import check_kind, check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.way import straight
+from ergoqp.problem.geometry import straight
+from ergoqp.problem.settings import DeclaredRobot
 
 _ENDS: Final = {
     "delay": (0.0, 2.0),

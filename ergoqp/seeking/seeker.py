@@ -24,8 +24,8 @@ from ergoqp.identification.loops import Resting, RestWatch
 from ergoqp.identification.promising import Promise, Promising
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import Workspace
 from ergoqp.responses.ik import IkResponse
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
 from ergoqp.step.guide import Guide, read_guide

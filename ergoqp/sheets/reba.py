@@ -21,11 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
-from ergoqp.sheets.assessment import Assessment, assess_rows
-from ergoqp.sheets.look_up import look_up, score_final
-from ergoqp.sheets.options import Method, read_method, sheet_of
-from ergoqp.sheets.postures import read_postures
-from ergoqp.sheets.task import read_task, whole_numbers
+from ergoqp.sheets.assessment import Assessment, assess_rows, look_up, read_postures, score_final
+from ergoqp.sheets.options import Method, read_method, read_task, sheet_of, whole_numbers
 
 __all__ = ["ACTION_LEVELS", "Assessment", "Method", "Scores", "assess", "combine"]
 

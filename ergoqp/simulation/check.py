@@ -2,7 +2,7 @@
 
 How far an object in a region to keep out of is from a place outside, in plain numpy.
 
-It shares no code with the step, which leads the object out by `ergoqp.limits.way_out`. That file
+It shares no code with the step, which leads the object out by `ergoqp.limits.keep_out`. That file
 says what a way is.
 
 The independent checker: it checks every limit again in plain numpy.

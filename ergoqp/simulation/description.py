@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from ergoqp.joints import spoken
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.person import Person, Senses
 from ergoqp.sheets.reba import Method

@@ -10,8 +10,8 @@ import numpy as np
 
 from ergoqp.arguments import check_number, check_whole
 from ergoqp.joints import JOINTS, LOWER, UPPER
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 from ergoqp.rest.person import LET_GO, Holding, Person, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot

@@ -21,7 +21,7 @@ from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.recordings import Recording
 from ergoqp.responses.ik import IkResponse
-from ergoqp.sheets.task import TaskOptions
+from ergoqp.sheets.options import TaskOptions
 
 _BEHIND: Final = 0.05
 """A person whose centre of mass is further than this behind both heels must be sitting [m]."""

@@ -13,8 +13,8 @@ from typing import Final, Self
 import numpy as np
 
 from ergoqp.arguments import check_number
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.way import between, turned
+from ergoqp.problem.geometry import between, turned
+from ergoqp.problem.settings import DeclaredRobot
 
 _IDENTITY: Final = np.eye(3)
 _PART: Final = 0.002

@@ -12,8 +12,7 @@ import casadi as ca
 import daqp
 import numpy as np
 
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver
 
 # The control step uses CasADi's plugin, which is compiled code like the rest of the step.

@@ -12,10 +12,8 @@ import numpy as np
 import qpsolvers
 from scipy.sparse import csc_matrix
 
-from ergoqp.solvers.equalities import pattern_of
-from ergoqp.solvers.sequence import Array, Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Array, Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver, pattern_of
 
 
 class FromQpsolvers(QpSolver):

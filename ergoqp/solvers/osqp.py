@@ -7,10 +7,8 @@ from typing import Any, Final
 import numpy as np
 import osqp
 
-from ergoqp.solvers.patterns import GrowingPattern
-from ergoqp.solvers.sequence import Array, Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Array, Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import GrowingPattern, QpSolver
 
 _SETTINGS: Final = {
     "verbose": False,

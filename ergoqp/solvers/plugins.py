@@ -9,10 +9,8 @@ from typing import Any, Final
 import casadi as ca
 
 from ergoqp.expressions.evaluator import Evaluator
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
-from ergoqp.solvers.unheard import unheard
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver, unheard
 
 _INPUTS: Final = ("h", "g", "a", "lba", "uba", "lbx", "ubx")
 _OUTPUTS: Final = ("x", "lam_a", "lam_x")

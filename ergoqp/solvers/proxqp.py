@@ -7,10 +7,8 @@ from typing import Any, Final
 import numpy as np
 from proxsuite import proxqp
 
-from ergoqp.solvers.equalities import pattern_of
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver, pattern_of
 
 # On infeasible data it uses all allowed iterations. Feasible QPs took at most 19 outer iterations.
 _MOST_ITERATIONS: Final = 50

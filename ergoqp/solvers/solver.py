@@ -1,17 +1,26 @@
-"""The interface of a QP solver, for the control step and for sequences of QPs outside it."""
+"""The interface of a QP solver, for the control step and for sequences of QPs outside it.
+
+Equal bounds as equalities, for solvers that need a feasible set with an interior.
+
+Other solvers need it because they lose multipliers between equal bounds.
+"""
 
 from __future__ import annotations
 
 import abc
+import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
 
-from ergoqp.solvers.sequence import Array, Qp
-from ergoqp.solvers.session import Session, Workspace
+from ergoqp.solvers.session import Array, Qp, Session, Workspace
 
 FREE: Final = 1e9
 """Stands for "no bound" in the step: large against all quantities there, but finite.
@@ -172,3 +181,157 @@ def numeric(parts: Sequence[ca.DM]) -> Qp:
 def _bound(values: Array) -> Array:
     values = values.ravel()
     return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))
+
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Which bounds of a QP are equal, and which are finite.
+
+    The shapes of a solver's data depend on it.
+
+    Attributes:
+        fixed_rows: rows whose bounds are equal (m,).
+        fixed: unknowns whose bounds are equal (n,).
+        above: other rows that have an upper bound (m,).
+        below: other rows that have a lower bound (m,).
+        high: other unknowns that have an upper bound (n,).
+        low: other unknowns that have a lower bound (n,).
+    """
+
+    fixed_rows: Mask
+    fixed: Mask
+    above: Mask
+    below: Mask
+    high: Mask
+    low: Mask
+
+    @property
+    def key(self) -> bytes:
+        """Bytes that are the same for the same pattern."""
+        return np.concatenate(
+            [self.fixed_rows, self.fixed, self.above, self.below, self.high, self.low]
+        ).tobytes()
+
+    def equalities(self, qp: Qp) -> tuple[Array, Array]:
+        """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
+        matrix = np.concatenate([qp.A[self.fixed_rows], np.eye(len(self.fixed))[self.fixed]])
+        return matrix, np.concatenate([qp.ubA[self.fixed_rows], qp.ub[self.fixed]])
+
+    def inequalities(self, qp: Qp) -> tuple[Array, Array]:
+        """Return G and h of G x <= h: rows above, rows below, unknowns above, unknowns below."""
+        unit = np.eye(len(self.fixed))
+        matrix = np.concatenate(
+            [qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]]
+        )
+        bounds = (
+            qp.ubA[self.above],
+            -qp.lbA[self.below],
+            qp.ub[self.high],
+            -qp.lb[self.low],
+        )
+        return matrix, np.concatenate(bounds)
+
+    def multipliers(self, equal: Array, unequal: Array) -> tuple[Array, Array]:
+        """Return row and unknown multipliers from those of `equalities` and `inequalities`."""
+        rows, box = np.zeros(len(self.fixed_rows)), np.zeros(len(self.fixed))
+        count = int(self.fixed_rows.sum())
+        rows[self.fixed_rows], box[self.fixed] = equal[:count], equal[count:]
+        ends = np.cumsum([mask.sum() for mask in (self.above, self.below, self.high)])
+        above, below, high, low = np.split(unequal, ends)
+        rows[self.above] += above
+        rows[self.below] -= below
+        box[self.high] += high
+        box[self.low] -= low
+        return rows, box
+
+
+def pattern_of(qp: Qp) -> Pattern:
+    """Return the pattern of a QP's bounds."""
+    fixed_rows, fixed = qp.lbA == qp.ubA, qp.lb == qp.ub
+    return Pattern(
+        fixed_rows,
+        fixed,
+        np.isfinite(qp.ubA) & ~fixed_rows,
+        np.isfinite(qp.lbA) & ~fixed_rows,
+        np.isfinite(qp.ub) & ~fixed,
+        np.isfinite(qp.lb) & ~fixed,
+    )
+
+
+class GrowingPattern:
+    """The entries of a matrix that were ever nonzero; entries that are zero now are explicit zeros.
+
+    A full pattern would work too. But the rows of bounds are unit vectors and each slack has its
+    own column, and the time of most solvers grows with the number of entries.
+    """
+
+    def __init__(self) -> None:
+        """Start without entries."""
+        self._mask = np.zeros((0, 0), dtype=bool)
+
+    def grow(self, matrix: Array) -> bool:
+        """Add a matrix; return whether it has new entries or another shape."""
+        there = matrix != 0
+        if there.shape != self._mask.shape:
+            self._mask = there
+        elif (there & ~self._mask).any():
+            self._mask = there | self._mask
+        else:
+            return False
+        # Column by column, as CSC matrices are stored.
+        self._columns, self._rows = np.nonzero(self._mask.T)
+        self._ends = np.concatenate([[0], np.cumsum(self._mask.sum(axis=0))])
+        return True
+
+    def holds_only(self, matrix: Array) -> bool:
+        """Return whether the pattern is exactly that of this matrix."""
+        return np.array_equal(self._mask, matrix != 0)
+
+    def values(self, matrix: Array) -> Array:
+        """Return the entries of a matrix in the pattern, column by column."""
+        return matrix[self._rows, self._columns]
+
+    def csc(self, matrix: Array) -> sparse.csc_matrix:
+        """Return a matrix in the pattern."""
+        return sparse.csc_matrix((self.values(matrix), self._rows, self._ends), shape=matrix.shape)
+
+
+_LOCK: Final = threading.Lock()
+_THREADS: Final[set[int]] = set()
+
+
+class _Sieve:
+    """A stream that drops what the threads in `_THREADS` write."""
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        return len(text) if threading.get_ident() in _THREADS else self.stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Drop what this thread writes to `sys.stdout`; must not be nested.
+
+    CasADi prints the messages of its plugins there. The stream is replaced only while a thread uses
+    this. If another stream was set in the meantime, that one stays.
+    """
+    me = threading.get_ident()
+    with _LOCK:
+        _THREADS.add(me)
+        if not isinstance(sys.stdout, _Sieve):
+            sys.stdout = _Sieve(sys.stdout)
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _THREADS.discard(me)
+            if not _THREADS and isinstance(sys.stdout, _Sieve):
+                sys.stdout = sys.stdout.stream

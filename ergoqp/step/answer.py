@@ -15,7 +15,7 @@ from ergoqp.expressions.linear import by_name, dense, is_set, largest
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.limits import Limit, Situation
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.causes import Cause, Status, fault_sentence
 from ergoqp.step.frames_check import frames_sentence

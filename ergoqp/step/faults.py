@@ -30,7 +30,7 @@ import numpy as np
 from ergoqp.expressions.linear import Shape, by_name, dense, is_set, largest
 from ergoqp.expressions.rigid import turned
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.causes import Cause, Fault, fault_of
 from ergoqp.step.layout import (
     ASTRAY,

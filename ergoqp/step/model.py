@@ -215,7 +215,7 @@ class StepModel:
         return ca.Function("readings", [posture, pose], [readings], names, ["readings"])
 
     def way_out(self, readings: Expression) -> Expression | None:
-        """Return the entries of the readings that `ergoqp.limits.way_out` gives, or None."""
+        """Return the entries of the readings that `ergoqp.limits.keep_out` gives, or None."""
         way = self.problem.way_out
         return None if way is None else readings[readings.numel() - way.size :]
 

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set
-from ergoqp.limits.way_out import WayOut
+from ergoqp.limits.keep_out import WayOut
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
 from ergoqp.step.rest import HUNTING
@@ -85,7 +85,7 @@ def _values(problem: Problem, states: ca.MX) -> ca.MX:
 def _is_dense(problem: Problem) -> bool:
     """Return whether the cost has large matrices, which are not expanded to scalars.
 
-    See `ergoqp.costs.learned.LearnedCost`.
+    See `ergoqp.costs.cost.LearnedCost`.
     """
     return getattr(problem.cost, "dense", False)
 
@@ -143,7 +143,7 @@ def objective(
 def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     """``(H, g, way (4,), previous, dt) -> (H, g)`` of an object that is led out of a region.
 
-    See `ergoqp.limits.way_out`. Only its turning is left to the cost, or the object would leave the
+    See `ergoqp.limits.keep_out`. Only its turning is left to the cost, or the object would leave the
     straight way. Its speed is that of every return from outside. Where no way is needed, nothing
     changes.
     """

@@ -28,7 +28,7 @@ from typing import Any, Final
 import casadi as ca
 
 from ergoqp.expressions.linear import is_set
-from ergoqp.problem.control import Control
+from ergoqp.problem.settings import Control
 
 STATES: Final = 6
 """Size of the state of rest.

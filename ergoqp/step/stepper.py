@@ -20,9 +20,8 @@ from ergoqp.arguments import (
 )
 from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
-from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.tried import slowest
+from ergoqp.problem.validate import PERIODS, slowest
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer import Step

@@ -12,8 +12,8 @@ import numpy as np
 from ergoqp.arguments import check_kind, check_number, check_whole, flag
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.native.compiled import compiled as machine_code
-from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.validate import PERIODS
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.daqp import ITERATIONS, in_step
 from ergoqp.step.function import build_step

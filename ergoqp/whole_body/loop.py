@@ -14,10 +14,9 @@ import numpy as np
 from ergoqp.rest.model_person import Alike
 from ergoqp.rest.person import Senses, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.scene import Scene
-from ergoqp.whole_body.separation import Separation
-from ergoqp.whole_body.whole_body import WholeBody
+from ergoqp.whole_body.state import Separation
+from ergoqp.whole_body.whole_body import WholeBody, WholeBodyStep
 
 EXACT = Senses(noise_deg=0.0, drift_deg=0.0, lost=0.0)
 """Sensors without errors; the person still follows late."""

@@ -1,4 +1,6 @@
-"""The control step of person, robot and object together.
+"""The control step of person, robot and object together: inputs, answer, and causes in words.
+
+The control step of person, robot and object together.
 
 Inputs are posture and robot; outputs are joint velocities of the robot.
 """
@@ -6,39 +8,186 @@ Inputs are posture and robot; outputs are joint velocities of the robot.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number
+from ergoqp.arguments import check_number, shown, unmasked
+from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import read_pose
-from ergoqp.problem.frames import Frames
+from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 from ergoqp.step.answer import Step
 from ergoqp.step.stepper import Stepper
-from ergoqp.whole_body.answer import WholeBodyStep
-from ergoqp.whole_body.formulation import Formulation
-from ergoqp.whole_body.grasp import grasp
-from ergoqp.whole_body.inputs import (
-    implausible_position,
-    implausible_speed,
-    numbers,
-    posture_of,
-    robot_of,
-    size_of,
-    start_of,
-)
-from ergoqp.whole_body.ladder import Ladder
-from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.placing import default_base, pose_error
-from ergoqp.whole_body.robot import Robot
+from ergoqp.whole_body.formulation import Formulation, Ladder
+from ergoqp.whole_body.grasp import default_base, grasp, pose_error
+from ergoqp.whole_body.robot import Robot, load_robot
 from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
-from ergoqp.whole_body.separation import Closeness
-from ergoqp.whole_body.sight import Sight
-from ergoqp.whole_body.stopping import joint_bounds
-from ergoqp.whole_body.terms import StepTerms, own_objective, person_of
+from ergoqp.whole_body.state import (
+    Closeness,
+    Moment,
+    Sight,
+    StepTerms,
+    joint_bounds,
+    own_objective,
+    person_of,
+)
+
+_PLAUSIBLE: Final = 2.0
+"""A joint measured faster than its largest speed times this is a measurement error."""
+
+
+_TURN: Final = 2 * np.pi
+"""A joint measured farther outside its range than this is a measurement error [rad]."""
+
+
+def size_of(value: Any) -> tuple[float, float, float]:
+    """Return the side lengths of a box [m].
+
+    Raises:
+        InputError: if they are not three numbers from 0.001 to 1 m.
+    """
+    sides = numbers(value, 3)
+    if sides is None or (sides < 0.001).any() or (sides > 1.0).any():
+        raise InputError(
+            f"object_size: got {shown(value)}, allowed three side lengths from 0.001 to 1 m"
+        )
+    return float(sides[0]), float(sides[1]), float(sides[2])
+
+
+def posture_of(value: Any) -> np.ndarray:
+    """Return a posture (32,) [rad].
+
+    Raises:
+        InputError: if it is not 32 finite numbers.
+    """
+    angles = numbers(value, len(JOINTS))
+    if angles is None:
+        shape = (
+            f"an array of shape {value.shape}"
+            if isinstance(value, np.ndarray)
+            else f"a {type(value).__name__}"
+        )
+        raise InputError(f"posture: got {shape}, allowed {len(JOINTS)} finite numbers")
+    return angles
+
+
+def robot_of(robot: Any, frame: str | None) -> Robot:
+    """Return a given robot, or load one from a file.
+
+    Raises:
+        InputError: if a frame is given in addition to a robot that has one, or as in `load_robot`.
+    """
+    if not isinstance(robot, Robot):
+        return load_robot(robot, frame)
+    if frame is not None:
+        raise InputError(
+            f"frame: got {shown(frame)} beside a robot whose frame is {robot.frame!r}, allowed"
+            " None: name it to load_robot"
+        )
+    return robot
+
+
+def start_of(start: Any, robot: Robot) -> np.ndarray:
+    """Return joint positions (k,) [rad].
+
+    Raises:
+        InputError: if they are not k numbers within the ranges of the arm.
+    """
+    joints = numbers(start, len(robot.joints))
+    if joints is None or (joints < robot.lower).any() or (joints > robot.upper).any():
+        raise InputError(
+            f"start: got {shown(start)}, allowed {len(robot.joints)} joint positions within their"
+            " ranges"
+        )
+    return joints
+
+
+def implausible_position(robot: Robot, positions: np.ndarray) -> str | None:
+    """Return in words which joint is measured at an impossible position, or None.
+
+    Args:
+        robot: robot with the ranges.
+        positions: positions of the joints (k,) [rad].
+    """
+    over = np.maximum(robot.lower - positions, positions - robot.upper) - _TURN
+    worst = int(np.argmax(over))
+    if over[worst] <= 0:
+        return None
+    low, high = robot.lower[worst], robot.upper[worst]
+    return (
+        f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to"
+        f" {high:.4g}, and a turn beyond"
+    )
+
+
+def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
+    """Return in words which joint is measured at an impossible speed, or None.
+
+    Args:
+        robot: robot with the largest speeds.
+        speeds: speeds of the joints (k,) [rad/s].
+    """
+    over = np.abs(speeds) - _PLAUSIBLE * robot.velocity
+    worst = int(np.argmax(over))
+    if over[worst] <= 0:
+        return None
+    most = _PLAUSIBLE * robot.velocity[worst]
+    return (
+        f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within"
+        f" +-{most:.4g}, twice its largest speed"
+    )
+
+
+def numbers(value: Any, count: int) -> np.ndarray | None:
+    """Return a finite vector of this length, or None."""
+    try:
+        vector = np.asarray(unmasked(value), dtype=float)
+    except Exception:  # any error of a user's object; the loop goes on
+        return None
+    return vector.copy() if vector.shape == (count,) and np.isfinite(vector).all() else None
+
+
+@dataclass(frozen=True)
+class WholeBodyStep:
+    """The answer of one step.
+
+    Attributes:
+        joint_velocities: velocities of the arm's joints to send (k,) [rad/s].
+        twist: twist of the object with these velocities (6,) [m/s, rad/s].
+        posture_rate: how the model person follows this twist (32,) [rad/s].
+        status: that of the object's own step if the robot does the same. ``slower``: limits of the
+            robot or the distance hold the object back. ``braking``: the object brakes, or robot and
+            object cannot keep all limits. ``invalid``: an input cannot be used.
+        reason: one sentence that names the cause, empty for a plain optimal step.
+        min_distance: smallest present distance of all kept pairs [m]; infinite if no distance is
+            kept.
+        object_step: the object's own step (`ergoqp.step.stepper.Step`), without limits of the
+            robot.
+        solve_time: duration of the call [s].
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.whole_body import WholeBody
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> whole = WholeBody(problem)
+        >>> step = whole.step(None, whole.start)
+        >>> step.status, step.twist.shape
+        ('braking', (6,))
+    """
+
+    joint_velocities: np.ndarray
+    twist: np.ndarray
+    posture_rate: np.ndarray
+    status: str
+    reason: str
+    min_distance: float
+    object_step: Step
+    solve_time: float
+
 
 _REST_TIME: Final = 1.0
 _REST_SPEED: Final = 0.5
@@ -56,7 +205,7 @@ class WholeBody:
             it, with the tool's axis pointing back into it, and turned about it in steps of 45
             degrees so that the arm holds the object best at `posture`.
         base: base of the robot in the world of the problem (4, 4) [m]. None: see
-            `ergoqp.whole_body.placing.default_base`.
+            `ergoqp.whole_body.grasp.default_base`.
         posture: posture at the start of the loop (32,) [rad]. None: the comfort posture.
         start: joints with which the arm holds the object then (k,) [rad]. None: found, see
             `ergoqp.whole_body.grasp`. If given, the object starts where they hold it.

@@ -17,12 +17,10 @@ import pytest
 
 import ergoqp
 from ergoqp.comparison.compare import Comparison
-from ergoqp.comparison.figures import DEADLINE, figures_of
-from ergoqp.comparison.sequence_files import load_sequence, save_sequences
-from ergoqp.comparison.trial import try_solver
+from ergoqp.comparison.record import load_sequence, save_sequences
+from ergoqp.comparison.trial import DEADLINE, figures_of, try_solver
 from ergoqp.errors import InputError, MissingExtraError
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.session import QpAnswer, judge
 
 
 @cache

@@ -15,8 +15,7 @@ from ergoqp.errors import InputError
 from ergoqp.limits import Limit
 from ergoqp.problem_files.load import load_problem
 from ergoqp.responses import LinearResponse
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.solvers.session import Qp, QpSequence, judge
 from ergoqp.step.layout import split
 from ergoqp.step.model import StepModel
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from ergoqp.costs.ladder import OneClassLadder
-from ergoqp.costs.load import load_cost
-from ergoqp.costs.quality import quality_of, spearman
+from ergoqp.costs.load import load_cost, quality_of, spearman
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 

@@ -7,15 +7,22 @@ import pytest
 
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.load import load_cost
-from ergoqp.costs.neural import Neural
-from ergoqp.costs.quality import quality_of
+from ergoqp.costs.load import load_cost, quality_of
+from ergoqp.costs.neural import (
+    Neural,
+    depth,
+    layers_of,
+    shares_of,
+    shuffled,
+    start,
+    steps_of,
+    train,
+)
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
 from ergoqp.errors import InputError, ModelError
 from ergoqp.joints import INDEX
-from ergoqp.learning.network import depth, layers_of, shares_of, shuffled, start, steps_of, train
 from ergoqp.paths import data_folder
 
 NAMES = ("trunk_flexion", "neck_flexion", "left_elbow_flexion")

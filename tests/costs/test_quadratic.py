@@ -9,9 +9,8 @@ import pytest
 
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.load import load_cost
+from ergoqp.costs.load import load_cost, quality_of
 from ergoqp.costs.quadratic import Quadratic
-from ergoqp.costs.quality import quality_of
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
 from ergoqp.errors import MissingExtraError, ModelError

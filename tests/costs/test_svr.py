@@ -11,9 +11,9 @@ from ergoqp.costs.cost import Cost
 from ergoqp.costs.load import load_cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import ModelError
-from ergoqp.learning.features import Columns, Steps
+from ergoqp.learning.kernels import Columns, Steps
 
 svm = pytest.importorskip("sklearn.svm")
 

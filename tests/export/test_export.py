@@ -15,8 +15,7 @@ from step_calls import start_of, wandering_steps
 import ergoqp
 from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
-from ergoqp.export.example import example_start, start_header
-from ergoqp.export.folder import export_step
+from ergoqp.export.folder import example_start, export_step, start_header
 from ergoqp.export.layout import c_string, header
 from ergoqp.step.causes import Status
 from ergoqp.step.frames_check import DOUBTED

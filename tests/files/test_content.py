@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.files.cache import digest_of
-from ergoqp.files.content import content_of
+from ergoqp.files.cache import content_of, digest_of
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ import pytest
 
 from ergoqp.costs.load import load_cost
 from ergoqp.errors import ErgoqpError, InputError, ModelError
-from ergoqp.files.npz import LARGEST, read_npz
-from ergoqp.files.text import json_of, read_json, read_toml
+from ergoqp.files.read import LARGEST, json_of, read_json, read_npz, read_toml
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.paths import data_folder
 from ergoqp.placing.ledger import FILE, Ledger

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ergoqp.files.whole import whole, whole_folder, write_whole
+from ergoqp.files.atomic import whole, whole_folder, write_whole
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from ergoqp.errors import InputError
 from ergoqp.identification.identify import WIDTHS, Identified, Identifier, Unexplained
 from ergoqp.identification.promising import LIKELY, Promise, Promising, chosen
 from ergoqp.joints import JOINTS
-from ergoqp.problem.workspace import Workspace
+from ergoqp.problem.geometry import Workspace
 from ergoqp.simulation.people import person_of_kind
 
 NOISE = np.radians(2.0) / np.sqrt(5)

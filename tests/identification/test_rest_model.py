@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.growth import GROWTH
+from ergoqp.human.body import GROWTH
 from ergoqp.identification.rest_model import RestModel, situation_of
-from ergoqp.problem.workspace import Workspace
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.model_person import Alike
 

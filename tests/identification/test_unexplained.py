@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.identification.identify import NOISES, REACH, WIDTHS, Unexplained
-from ergoqp.problem.workspace import turn_about
+from ergoqp.problem.geometry import turn_about
 
 JOINTS = 3
 NOISE = NOISES[1]

@@ -13,7 +13,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.files import npz
+from ergoqp.files import read as npz
 from ergoqp.identification.identify import Identifier
 from ergoqp.identification.loops import Watched, delay_of, rests_in, watched
 from ergoqp.rest.best_place import awkward_place

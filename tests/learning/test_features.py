@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import ModelError
-from ergoqp.learning.features import Columns, Steps, features_from
-from ergoqp.learning.relevance import _cost, relevance
+from ergoqp.learning.kernels import Columns, Steps, features_from
+from ergoqp.learning.pipelines import _cost, relevance
 
 pytest.importorskip("sklearn")
 

@@ -10,7 +10,7 @@ from step_samples import held_pose
 import ergoqp
 from benchmarks.boundary import FirstOrder, Outward, draw_case, unchecked
 from ergoqp.coordinates import FOREARM, SCORED_JOINTS
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.learning.one_class import OneClass

@@ -14,8 +14,8 @@ from benchmarks.boundary import FirstOrder, Outward, draw_case
 from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Rows, Situation
+from ergoqp.limits.custom import OwnRates
 from ergoqp.limits.limit import straight_margins
-from ergoqp.limits.own_rates import OwnRates
 from ergoqp.responses import LinearResponse
 
 

@@ -17,9 +17,8 @@ from step_samples import problem_of
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.simulation.check import Checker, Ways
 from ergoqp.step.stepper import Stepper
 

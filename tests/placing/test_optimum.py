@@ -12,7 +12,7 @@ from ergoqp import JOINTS, load_problem
 from ergoqp.cli.commands.optimise import optimum_table
 from ergoqp.errors import InputError
 from ergoqp.placing.optimum import Optimum, Trial
-from ergoqp.problem.workspace import turn_about
+from ergoqp.problem.geometry import turn_about
 from ergoqp.rest.model_person import sample_person
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.problem import tried
+from ergoqp.problem import validate as tried
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 

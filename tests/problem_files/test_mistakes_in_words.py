@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.files.text import read_toml
+from ergoqp.files.read import read_toml
 from ergoqp.problem_files.load import problem_from_dict
 from ergoqp.responses import IkResponse
 

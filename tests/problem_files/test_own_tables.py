@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.errors import ProblemError
 from ergoqp.limits import AxisCone
-from ergoqp.problem_files import own_terms
+from ergoqp.problem_files import schema as own_terms
 from ergoqp.problem_files.load import COSTS, LIMITS, RESPONSES, problem_from_dict
-from ergoqp.problem_files.tables import CostTable, LimitsTable, ResponseTable
+from ergoqp.problem_files.schema import CostTable, LimitsTable, ResponseTable
 from ergoqp.registry import GROUPS
 
 

@@ -10,8 +10,7 @@ import pytest
 
 from ergoqp.errors import ProblemError
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
-from ergoqp.human.person_file import write_person
+from ergoqp.human.person_file import Marker, write_person
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 

@@ -19,7 +19,7 @@ from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.fitting.steady import steady
 from ergoqp.recordings.naming import CENTRES
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 BODY = Body.of_lengths({"upper_arm": 0.33, "forearm": 0.24, "thigh": 0.40, "trunk": 0.50})
 KINEMATICS = Kinematics(BODY)

@@ -11,7 +11,7 @@ from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.shoulders import SAID
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 # Not the average that is fallen back to.
 BODY = Body(1.72, {"shoulder_width": 1.15 * FRACTIONS["shoulder_width"] * 1.72})

@@ -10,9 +10,9 @@ import pytest
 
 from ergoqp.joints import JOINTS
 from ergoqp.recordings import load_recording
-from ergoqp.report import angles
-from ergoqp.report.angles import write_angles
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.report import scores as angles
+from ergoqp.report.scores import write_angles
+from ergoqp.sheets.description import elevation_of
 from ergoqp.simulation.demo_recording import demo_recording
 
 

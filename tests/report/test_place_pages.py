@@ -15,9 +15,9 @@ from ergoqp.placing.slices import Slice, slices_through
 from ergoqp.placing.start import begin_from
 from ergoqp.problem_files.load import load_problem
 from ergoqp.report import palette
-from ergoqp.report.body.lineup import Standing, lineup
+from ergoqp.report.body.figure import Standing, lineup
 from ergoqp.report.charts.score_map import Spot, score_map
-from ergoqp.report.place_words import change_of, place_words
+from ergoqp.report.optimum_page import change_of, place_words
 from ergoqp.rest.model_person import Alike
 
 SECTIONS = {

@@ -15,8 +15,8 @@ from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identifier
 from ergoqp.identification.loops import Resting
 from ergoqp.joints import JOINTS
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 from ergoqp.rest.best_place import awkward_place
 from ergoqp.seeking import Place, Seeker, Seeking
 from ergoqp.seeking.tries import THEIRS

@@ -13,7 +13,7 @@ from ergoqp.human import Body
 from ergoqp.lab.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.lab.yardstick import Workspace
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.way import pose_error, turned
+from ergoqp.problem.geometry import pose_error, turned
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.person import Senses
 from ergoqp.simulation.check import Checker

@@ -15,8 +15,8 @@ from ergoqp.limits import (
     TwistLimit,
     WorkspaceBox,
 )
-from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Control
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.check import Checker
 

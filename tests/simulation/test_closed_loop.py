@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.workspace import frame_of
+from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.model_person import sample_person
 from ergoqp.rest.person import Senses, frames

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ergoqp.placing.optimise import optimise
+from ergoqp.problem.geometry import frame_of
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import load_problem
 from ergoqp.rest.model_person import Alike, sample_person
 from ergoqp.simulation.run import Run, summary_of_run

@@ -14,7 +14,7 @@ from benchmarks.people_figures import best_of, figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
 from ergoqp.lab.baselines import Still
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.seeking.seeker import a_place
 from ergoqp.simulation.loop import Trace
 

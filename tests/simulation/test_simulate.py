@@ -13,7 +13,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
-from ergoqp.problem.control import Control
+from ergoqp.problem.settings import Control
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.robot import moved

@@ -9,7 +9,7 @@ import numpy as np
 
 from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.problem_files.load import load_problem
-from ergoqp.solvers.sequence import Qp
+from ergoqp.solvers.session import Qp
 
 
 @cache

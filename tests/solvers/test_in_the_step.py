@@ -25,8 +25,7 @@ from ergoqp.comparison.compare import compare
 from ergoqp.errors import InputError
 from ergoqp.solvers import installed_solvers, open_session, solver_named
 from ergoqp.solvers import solver as solver_module
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import FREE, QpSolver
 from ergoqp.step.function import step_function
 from ergoqp.step.stepper import Stepper

@@ -13,9 +13,7 @@ from recorded_qps import contradictory, recordings, samples, twice
 
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import PARTS, Qp
-from ergoqp.solvers.session import FLAGS
+from ergoqp.solvers.session import FLAGS, PARTS, Qp, judge
 
 INSTALLED = installed_solvers()
 # HiGHS takes a multiplier of some 1e-4 for none, whatever its tolerances say.

@@ -19,10 +19,9 @@ import numpy as np
 from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.geometry import frame_of
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.workspace import frame_of
+from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper

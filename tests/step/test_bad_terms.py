@@ -16,8 +16,8 @@ from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
-from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Control
 from ergoqp.step.certification import _shorten_function
 from ergoqp.step.function import step_function
 from ergoqp.step.margins import Margins, smallest_margins

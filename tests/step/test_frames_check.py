@@ -10,8 +10,8 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.causes import Cause

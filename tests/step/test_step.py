@@ -28,7 +28,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.linear import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
-from ergoqp.limits.own_rates import OwnRates
+from ergoqp.limits.custom import OwnRates
 from ergoqp.simulation.robot import moved
 from ergoqp.solvers import installed_solvers, solver_named
 from ergoqp.step.function import build_step

@@ -17,7 +17,7 @@ import pytest
 from step_samples import held_pose, near_comfort, problem_of
 
 import ergoqp
-from ergoqp.problem.control import Control
+from ergoqp.problem.settings import Control
 from ergoqp.step.guide import Guide
 from ergoqp.step.layout import places
 from ergoqp.step.model import StepModel

@@ -20,7 +20,7 @@ from step_samples import (
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.stepper import Stepper
 

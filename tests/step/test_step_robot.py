@@ -14,7 +14,7 @@ from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, pla
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.faults import _rotation
 from ergoqp.step.model import StepModel

@@ -25,7 +25,7 @@ from step_samples import (
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.solvers.daqp import Daqp

@@ -11,7 +11,7 @@ from step_samples import held_pose, near_comfort, problem_of
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.stepper import Stepper
 
 LATE = DeclaredRobot(delay=0.03, lag=0.05, pose_delay=0.02, pose_noise=0.001)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.tracking_faults import CONE, FAR, Cornered, driven_problem, turn_about
 from ergoqp.joints import JOINTS
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Stepper
 

@@ -20,7 +20,7 @@ from step_samples import (
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.faults import explained_function
 from ergoqp.step.layout import STORY, split

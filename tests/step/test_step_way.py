@@ -14,7 +14,7 @@ from step_samples import comfort_of, held_pose, problem_of
 
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.delay import landing, next_history, off_rows, under_way
 from ergoqp.step.layout import FAR, Way, count, initial_history, split
 from ergoqp.step.model import StepModel

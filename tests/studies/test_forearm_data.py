@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.human import Body
 from ergoqp.human.forearm import forearm_length, forearm_points

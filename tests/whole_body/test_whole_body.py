@@ -18,7 +18,7 @@ from ergoqp.rest.person import Senses
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body
-from ergoqp.whole_body.terms import own_objective, terms_function
+from ergoqp.whole_body.state import own_objective, terms_function
 
 
 def without_limits():

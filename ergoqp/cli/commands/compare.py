@@ -14,7 +14,7 @@ from ergoqp.comparison.compare import Comparison, check, compare
 from ergoqp.errors import MissingExtraError, install_command
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers import solver_named
-from ergoqp.solvers.judge import TOLERANCES, tidy
+from ergoqp.solvers.session import TOLERANCES, tidy
 
 
 def run_compare(

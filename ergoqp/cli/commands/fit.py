@@ -18,15 +18,13 @@ from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.cli.commands.common import make_folder, writing
 from ergoqp.cli.commands.screen import console, working
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
-from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.load import KINDS
-from ergoqp.costs.quality import Quality, cross_validate, evaluation_time, quality_of
-from ergoqp.datasets.data import DataSet
+from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.load import KINDS, Quality, cross_validate, evaluation_time, quality_of
+from ergoqp.datasets.data import DataSet, read_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
-from ergoqp.datasets.table import read_data
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.progress import part_of
-from ergoqp.report.charts.boxes import prediction_picture
+from ergoqp.report.charts.over_time import prediction_picture
 
 FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
 """Kinds of costs that the command can fit. `from_sklearn` is for estimators fitted elsewhere."""

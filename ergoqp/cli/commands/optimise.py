@@ -26,8 +26,8 @@ from ergoqp.human.person_file import given_person
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
-from ergoqp.report.numbers import plain
 from ergoqp.report.optimum_page import write_optimum_page
+from ergoqp.report.page import plain
 from ergoqp.sheets.reba import ACTION_LEVELS
 
 NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture chosen too"}

@@ -19,9 +19,9 @@ from ergoqp.cli.commands.common import (
 )
 from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
-from ergoqp.files.whole import whole
+from ergoqp.files.atomic import whole
 from ergoqp.lab.population import Found, best_of_population, population
-from ergoqp.report.numbers import plain
+from ergoqp.report.page import plain
 
 COLUMNS = (
     "person",

@@ -25,7 +25,7 @@ from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.in_words import nearest_first
+from ergoqp.problem_files.messages import nearest_first
 from ergoqp.recordings import Recording
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table

@@ -17,12 +17,11 @@ from ergoqp.progress import part_of
 from ergoqp.recordings.guess import template
 from ergoqp.recordings.markers.landmarks import LANDMARKS
 from ergoqp.recordings.naming import CENTRES
-from ergoqp.report.angles import write_angles
 from ergoqp.report.score_page import write_score_page
-from ergoqp.report.scores import write_scores
+from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table
+from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method, assess
-from ergoqp.sheets.task import TaskOptions
 
 
 def score(

@@ -21,7 +21,7 @@ from ergoqp.human.body import NOMINAL_STATURE
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.lab.people.habits import Sex
 from ergoqp.paths import data_folder
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 
 
 class Segment(NamedTuple):

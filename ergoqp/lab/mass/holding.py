@@ -13,7 +13,7 @@ from ergoqp.joints import SIDES
 from ergoqp.lab.mass.body import HABITS, PERSON_DOFS, ROBOT_GROUP, SOFT_ROBOT
 from ergoqp.lab.mass.control import Control, Grasp, Support, contact_in, reported, upright
 from ergoqp.lab.mass.planner import PERSON_QPOS, Planner
-from ergoqp.problem.way import between, pose_error
+from ergoqp.problem.geometry import between, pose_error
 from ergoqp.rest.person import LET_GO, Holding, Person, Senses
 
 _LOWEST: Final = 0.3

@@ -18,7 +18,7 @@ from ergoqp.lab.mass.planner import PERSON_QPOS, Planner, Wishes
 from ergoqp.lab.people.body_tasks import AXIS, Work
 from ergoqp.lab.people.habits import Sex, draw_body, draw_habits, generators
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.rest.person import Person, Senses, draw_senses
 
 _OWN_EFFORT: Final = (0.5, 2.0)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.lab.mass.body import BALL_END, HABITS, PERSON_DOFS, cross, holding_points
-from ergoqp.problem.way import turn_between
+from ergoqp.problem.geometry import turn_between
 
 PERSON_QPOS: Final = 7 + len(JOINTS)
 """Number of coordinates: pelvis position and quaternion, then the joints."""

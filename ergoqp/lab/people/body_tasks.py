@@ -12,8 +12,8 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.problem.geometry import turn_between
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import turn_between
 from ergoqp.responses.ik import IkResponse
 
 BASE = 4

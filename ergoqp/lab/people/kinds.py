@@ -13,7 +13,7 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.lab.people.body_tasks import BASE, Work
 from ergoqp.lab.people.habits import Habits
 from ergoqp.lab.people.soft import REACHED, SoftBody, SoftHolding, SoftPerson, Wish
-from ergoqp.problem.way import pose_error
+from ergoqp.problem.geometry import pose_error
 from ergoqp.rest.person import Senses
 
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.files.whole import write_whole
+from ergoqp.files.atomic import write_whole
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
 

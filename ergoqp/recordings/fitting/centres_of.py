@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.human import FRACTIONS, Body, Kinematics
-from ergoqp.human.growth import GROWTH
+from ergoqp.human.body import GROWTH
 from ergoqp.joints import JOINTS
 from ergoqp.recordings.naming import CENTRES
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.recordings.markers.gauss_newton import told_markers
 from ergoqp.recordings.motion import JointMotion
 

@@ -8,7 +8,7 @@ from typing import Final
 import casadi as ca
 
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.growth import GROWTH
+from ergoqp.human.body import GROWTH
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import JOINTS, SIDES
 

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.recordings.fitting.centres_of import growth_of
 from ergoqp.recordings.markers.frames import SEGMENTS, SIZE, inputs, segments

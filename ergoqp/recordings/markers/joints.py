@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.joints import SIDES
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.joints import SIDES
 from ergoqp.recordings.markers.landmarks import RIGID
 from ergoqp.recordings.markers.rigid import brought_to, follow, shape_of

@@ -1,18 +1,25 @@
-"""Charts of values over time and of distributions."""
+"""Charts of values over time and of distributions.
+
+Box plots of the predicted or reached values for each true score.
+
+The results of the EPFL report are shown in the same way.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.errors import MissingExtraError
+from ergoqp.files.atomic import whole
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.frame import WIDTH, Plot, width_of
-from ergoqp.report.charts.scales import changes, padded, words_of
-from ergoqp.report.numbers import microseconds
+from ergoqp.report.charts.axes import WIDTH, Plot, changes, padded, width_of, words_of
+from ergoqp.report.page import microseconds
 
 SERIES = ("s0", "s1", "s2", "s3")
 """Classes of lines that differ in their dashes, so they can be distinguished without colour."""
@@ -254,3 +261,58 @@ def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]
         lines.append(svg.element("line", x1=x, x2=x, y1=plot.top, y2=plot.bottom, class_="mark"))
         names.append(svg.text(words, start, plot.top + 12 + 16 * row, class_="small halo"))
     return lines + names
+
+
+def prediction_picture(
+    values: NDArray[np.float64], scores: NDArray, title: str, path: Path
+) -> None:
+    """Write a picture (PNG or SVG) of the predicted values (n,) of the postures of each score (n,).
+
+    The black line is the perfect prediction. Boxes contain the middle half, whiskers reach 1.5
+    box lengths, and dots are beyond.
+
+    Raises:
+        MissingExtraError: if matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("the picture of a fit", "learn", "matplotlib") from None
+    classes = np.unique(np.round(scores)).astype(int)
+    groups = [values[np.round(scores) == score] for score in classes]
+    figure = Figure(figsize=(7.0, 4.2), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.plot(
+        classes[[0, -1]], classes[[0, -1]], color="black", linewidth=1.2, label="perfect", zorder=3
+    )
+    axes.boxplot(
+        groups,
+        positions=classes,
+        widths=0.6,
+        patch_artist=True,
+        manage_ticks=False,
+        boxprops={"facecolor": "#cfe0f3", "edgecolor": "#2f5d8c"},
+        medianprops={"color": "#b3541e", "linewidth": 1.8},
+        whiskerprops={"color": "#2f5d8c"},
+        capprops={"color": "#2f5d8c"},
+        flierprops={
+            "marker": ".",
+            "markersize": 3,
+            "markerfacecolor": "#8a8a8a",
+            "markeredgecolor": "none",
+            "alpha": 0.5,
+        },
+    )
+    axes.set_xticks(classes)
+    axes.set_xlabel("score of the sheet")
+    axes.set_ylabel("predicted, points")
+    axes.set_title(title, loc="left", fontsize=11)
+    axes.grid(axis="y", color="#e3e3e3", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.legend(frameon=False, loc="upper left")
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    with whole(path) as scratch:
+        figure.savefig(scratch)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ergoqp.placing.slices import Slice
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.frame import width_of
-from ergoqp.report.charts.scales import Scale, words_of
+from ergoqp.report.charts.axes import Scale, width_of, words_of
 from ergoqp.sheets.reba import ACTION_LEVELS
 
 AXES: Final = (

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.frame import WIDTH, time_axis, width_of
-from ergoqp.report.charts.scales import Scale, highest_per_column
+from ergoqp.report.charts.axes import WIDTH, Scale, highest_per_column, time_axis, width_of
 
 _ROW: Final = 26.0
 _WORDS: Final = 14.0  # room for the text above a row [px]

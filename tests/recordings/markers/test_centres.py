@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, posture
-from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.markers.centres import (

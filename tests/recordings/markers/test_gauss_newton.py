@@ -12,7 +12,7 @@ from ergoqp.recordings import Recording, assemble, fit_postures
 from ergoqp.recordings.fitting.centres_of import growth_of
 from ergoqp.recordings.markers.frames import SEGMENTS
 from ergoqp.recordings.markers.gauss_newton import _placed, told_markers
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 LOST = slice(100, 200)
 BENT = [f"{side}_{joint}_flexion" for side in ("right", "left") for joint in ("elbow", "knee")]

@@ -8,7 +8,7 @@ import pytest
 from ergoqp.lab.mass import holding
 from ergoqp.lab.mass.body import FRICTION, cross
 from ergoqp.lab.mass.control import shared
-from ergoqp.problem.way import between
+from ergoqp.problem.geometry import between
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.people import person_of_kind
 

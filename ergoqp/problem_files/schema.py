@@ -1,35 +1,51 @@
-"""The tables of a problem file: the keys, and the allowed values of each."""
+"""The tables of a problem file: keys, allowed values, units, and terms of the user.
+
+Types of the parameters of users' terms, as files can give them.
+
+Lists stand for tuples and arrays.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import inspect
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Annotated, Any, Literal, Self, get_type_hints
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Final, Literal, Self, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    PydanticUserError,
     create_model,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
+from ergoqp.arguments import shown
+from ergoqp.errors import ErgoqpError, InputError, in_words
 from ergoqp.limits import AXES
-from ergoqp.problem.control import Control
-from ergoqp.problem_files.in_words import listing
-from ergoqp.problem_files.keys import (
+from ergoqp.problem.settings import Control
+from ergoqp.problem.validate import check_response
+from ergoqp.problem_files.messages import (
     NotNegative,
     Number,
     Positive,
     Vector,
     as_list,
     as_tuple,
+    full_keys,
     given_tables,
     keys_of,
+    listing,
 )
+from ergoqp.registry import check_free, own_term, registered
 from ergoqp.sheets.reba import Method
 
 
@@ -292,7 +308,7 @@ _Seconds = Annotated[float, Field(ge=0, le=0.5)]
 
 
 class RobotTable(Table):
-    """See `ergoqp.problem.robot.DeclaredRobot`."""
+    """See `ergoqp.problem.settings.DeclaredRobot`."""
 
     delay: _Seconds = 0.0
     lag: _Seconds = 0.0
@@ -311,7 +327,7 @@ _Frame = Annotated[
 
 
 class FramesTable(Table):
-    """See `ergoqp.problem.frames.Frames`: x, y, z and a quaternion x, y, z, w."""
+    """See `ergoqp.problem.settings.Frames`: x, y, z and a quaternion x, y, z, w."""
 
     base: _Frame | None = None
     flange: _Frame | None = None
@@ -336,3 +352,145 @@ class FileTable(Table):
     # The class is made above.
     control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm]
     unusual: list[str] = []
+
+
+_CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
+
+
+def as_in_files(hint: Any) -> Any:
+    """Return a type that accepts what a TOML file can give for a type.
+
+    Args:
+        hint: type that the user's code declares.
+    """
+    kind: Any = get_origin(hint) or hint
+    parts = tuple(map(as_in_files, get_args(hint)))
+    if kind is np.ndarray:
+        return Annotated[Any, BeforeValidator(_as_array)]
+    if kind is Path:
+        return Annotated[Path, BeforeValidator(_as_path)]
+    if kind is tuple:
+        return Annotated[tuple[parts] if parts else tuple, BeforeValidator(as_tuple)]
+    if kind in (Union, UnionType):
+        return Union[parts]  # noqa: UP007  # of types that are known only now
+    if kind in _CONTAINERS and parts:
+        return kind[parts]
+    return hint
+
+
+def _as_path(value: Any) -> Any:
+    return Path(value) if isinstance(value, str) else value
+
+
+def _as_array(value: Any) -> np.ndarray:
+    with contextlib.suppress(ValueError):  # lists of several lengths
+        array = np.array(value)
+        if array.ndim and array.dtype.kind in "iuf":
+            return array.astype(float)
+    raise PydanticCustomError("array", "Input should be an array of numbers")
+
+
+_PARTS = {"cost": CostTable, "limits": LimitsTable, "response": ResponseTable}
+_KINDS = {"cost": "cost", "limits": "limit", "response": "response"}
+
+
+def file_table(raw: Mapping[str, Any]) -> type[FileTable]:
+    """Return the table of a file, with the keys of the user's terms that it names.
+
+    Only terms that the file names are imported.
+
+    Args:
+        raw: tables of the file.
+
+    Raises:
+        InputError: if a user's term cannot be imported, does not declare its parameters, or has the
+            name of another term.
+    """
+    parts: dict[str, Any] = {}
+    for part, table in _PARTS.items():
+        given = raw.get(part)
+        named, known = set(given) if isinstance(given, Mapping) else set(), set(table.model_fields)
+        check_free(_KINDS[part], named & known)
+        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own_names(part)}
+        if found:
+            own = {name: (_table_of_term(name, term) | None, None) for name, term in found.items()}
+            larger = _with_keys(table.__name__, table, own)
+            parts[part] = (larger, FileTable.model_fields[part].default)
+    return create_model("FileTable", __base__=FileTable, **parts) if parts else FileTable
+
+
+def own_names(part: str) -> set[str]:
+    """Return the names that installed packages register for a part of a file."""
+    return set(registered(_KINDS[part]))
+
+
+def own_tables(table: Table) -> dict[str, Table]:
+    """Return the tables of the user's terms in a part of a file: those that no class declares."""
+    known = next(kind for kind in _PARTS.values() if isinstance(table, kind)).model_fields
+    return {key: each for key, each in given_tables(table).items() if key not in known}
+
+
+def build_own(part: str, name: str, table: Table) -> Any:
+    """Return a user's term made from the keys of a file. Keys that are missing keep their defaults.
+
+    Raises:
+        InputError: if the term does not accept the keys, with the error that it raised.
+    """
+    said = {
+        key: getattr(table, attribute)
+        for key, attribute in keys_of(type(table)).items()
+        if attribute in table.model_fields_set
+    }
+    try:
+        with full_keys({f"{part}.{name}": said}):
+            made = own_term(_KINDS[part], name)(**said)
+    except ErgoqpError:
+        raise
+    except Exception as error:  # any error in the code of a user's term
+        raise InputError(
+            f"{part}.{name}: got {in_words(error)}, allowed what"
+            f" {own_term(_KINDS[part], name)!r:.80} takes"
+        ) from None
+    if part == "response":
+        # Its state decides which limits there are, before `Problem` checks all terms.
+        check_response(f"{part}.{name}", made)
+    return made
+
+
+def _table_of_term(name: str, term: Any) -> type[Table]:
+    """Return a table with the parameters of a term and their types."""
+    try:
+        parameters = inspect.signature(term).parameters
+        hints = get_type_hints(term.__init__ if inspect.isclass(term) else term)
+    except (TypeError, ValueError, NameError) as error:
+        raise InputError(
+            f"{name}: got {shown(term)} ({error}), allowed a class or function with typed"
+            " parameters"
+        ) from None
+    keys: dict[str, Any] = {}
+    for key, parameter in parameters.items():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise InputError(
+                f"{name}: got the parameter {parameter}, allowed only ones that a file can name"
+            )
+        keys[key] = (
+            as_in_files(hints.get(key, Any)),
+            ... if parameter.default is parameter.empty else None,
+        )
+        try:
+            _with_keys(name, Table, {key: keys[key]})
+        except PydanticUserError:
+            raise InputError(
+                f"{name}: got the parameter {parameter!s:.80}, allowed numbers, texts,"
+                " lists and arrays of them, and tables"
+            ) from None
+    return _with_keys(name, Table, keys)
+
+
+def _with_keys(name: str, base: type[Table], keys: Mapping[str, tuple[Any, Any]]) -> Any:
+    """Return a table with more keys, each with its type and default (`...`: required)."""
+    fields: dict[str, Any] = {
+        f"own_{i}": (kind, Field(default, alias=key))
+        for i, (key, (kind, default)) in enumerate(keys.items())
+    }
+    return create_model(f"{name} table", __base__=base, **fields)

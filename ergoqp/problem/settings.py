@@ -1,16 +1,208 @@
-"""Where the robot, its tool and the camera are: the constant frames between them and the world."""
+"""Settings of a task: the control step, the declared robot, and the constant frames."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
 
 from ergoqp.arguments import check_number, flag, read_array, shown
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.expressions.quaternions import matrix_of, quaternion_of
-from ergoqp.expressions.rigid import read_pose
+from ergoqp.expressions.rigid import matrix_of, quaternion_of, read_pose
+
+_LONGEST_AVERAGE: Final = 0.5
+_LARGEST: Final = 1e9
+
+
+@dataclass(frozen=True)
+class Control:
+    """Settings of the control step: how fast and how far the object moves.
+
+    The defaults are suitable for all problems that come with the package.
+
+    Attributes:
+        look_ahead: T, time over which an improvement counts [s]; at least twice the person's delay.
+        smoothing: t_s, time constant of changes of the twist [s].
+        effort_linear: R of the linear axes [points / (m/s)^2].
+        effort_angular: R of the angular axes [points / (rad/s)^2].
+        caution: beta, curvature for moving the person's joints [points s^2/rad^2 per unit of joint
+            weight].
+        contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points /
+            (rad/s)^2].
+        comfort: weight of the person's comfort, which is added to V [points/rad^2 per unit of joint
+            weight]. It sets the direction where the sheet is flat.
+        rest_below: predicted gain of one second at full speed below which the object comes to rest
+            [points].
+        rest_after: how long the gain must be below [s].
+        move_above: predicted gain above which the object moves again [points].
+        move_after: how long the gain must be above [s].
+        stall_gain: smallest decrease of the cost that counts as an improvement [points].
+        stall_after: time without an improvement after which the object comes to rest [s]; it slows
+            down from a quarter of that time on.
+        rest_filter: time constant of the low-pass filter of predicted gain and cost, because both
+            contain the noise of every angle [s].
+        max_age: oldest posture that the step uses [s].
+        average: W, length of the moving average [s]. The step sends the mean of the planned twist
+            over the last W seconds. So its jerk is at most 2 acceleration / W, and a stop takes up
+            to W longer. The step keeps a history of those seconds. Many periods in a row that are
+            much shorter than the period of the loop fill the history: the step then reports it and
+            brakes within its acceleration, but not within that jerk. None: 0.05 for an object that
+            is held, and 0 where the twist is the velocity of points. Above 0.1 the step often
+            brakes close to the edge of a cone.
+        guide_weight: weight of the path to the guide, in multiples of the effort (dimensionless).
+        guide_gain: the object travels to the guide if the guide promises a cost that is lower by
+            more than this, and stays there if the cost exceeds the promise by at most this
+            [points].
+        guide_price: largest temporary increase of the cost on the way to the guide, before the
+            object goes back [points].
+
+    Raises:
+        ProblemError: if a value has the wrong type or is out of range.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> problem.replace(control=ergoqp.Control(look_ahead=0.8)).control.look_ahead
+        0.8
+    """
+
+    look_ahead: float = 0.5
+    smoothing: float = 0.15
+    effort_linear: float = 10.0
+    effort_angular: float = 1.0
+    caution: float = 0.02
+    contact: float = 20.0
+    comfort: float = 0.25
+    rest_below: float = 0.03
+    rest_after: float = 0.5
+    move_above: float = 0.50
+    move_after: float = 0.5
+    stall_gain: float = 0.05
+    stall_after: float = 2.0
+    rest_filter: float = 0.5
+    max_age: float = 0.10
+    average: float | None = None
+    guide_weight: float = 20.0
+    guide_gain: float = 0.3
+    guide_price: float = 1.5
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if name == "average" and value is None:
+                continue
+            check_number(f"control.{name}", value, 0.0, _LARGEST, error=ProblemError)
+        for name in ("look_ahead", "effort_linear", "effort_angular", "rest_filter", "max_age"):
+            if getattr(self, name) == 0:
+                raise ProblemError(f"control.{name}: got 0, allowed a positive number")
+        if self.average is not None and self.average > _LONGEST_AVERAGE:
+            raise ProblemError(
+                f"control.average: got {self.average!r} s, allowed 0 to {_LONGEST_AVERAGE:g} s"
+            )
+        if self.move_above < self.rest_below:
+            raise ProblemError(
+                f"control.move_above: got {self.move_above}, allowed at least rest_below ="
+                f" {self.rest_below}"
+            )
+
+
+_LARGEST_TIME: Final = {
+    "delay": (0.5, "s"),
+    "lag": (0.5, "s"),
+    "gain_error": (0.5, ""),
+    "pose_delay": (0.5, "s"),
+    "pose_noise": (0.1, "m"),
+    "pose_noise_deg": (10.0, "deg"),
+    "longest_hold": (1.0, "s"),
+    "pose_from_posture": (1.0, "m"),
+    "pose_from_posture_deg": (90.0, "deg"),
+}
+"""Largest value of each entry, with its unit."""
+
+
+@dataclass(frozen=True)
+class DeclaredRobot:
+    """Delays and errors between the twist that is sent and the pose that is measured.
+
+    Every value is an upper bound.
+
+    The twist w of the robot follows the sent twist s: w' = ((1 + g) s(t - delay) - w) / lag, with
+    g between -`gain_error` and `gain_error`. Delay, lag and g may be smaller than declared, but
+    must not change while the robot moves. Workspace and tool axis hold for every such robot. A
+    measurement that no such robot can explain is a fault: the step names it, and the object stops.
+
+    Attributes:
+        delay: time from sending a twist until the robot begins to follow it [s].
+        lag: time constant with which the robot then follows [s].
+        gain_error: largest share by which the robot is faster or slower than sent. It needs a
+            measured pose.
+        pose_delay: age of the measured pose and of the reported twist [s].
+        pose_noise: largest error of a measured position, per axis [m].
+        pose_noise_deg: largest error of a measured orientation, about each axis [deg].
+        longest_hold: how long the robot may go on with a twist because the next call is late [s].
+            This may happen once per movement, until the object has stood still. It needs a
+            measured pose.
+        pose_from_posture: largest error, along each axis, of a first pose that is taken from the
+            posture because none is measured [m]. The default is that of sensors that are 4 degrees
+            off at trunk and shoulder, for a person of known lengths (2 degrees: 17 mm). It counts
+            until a pose is measured.
+        pose_from_posture_deg: the same for the orientation [deg]; the default is twice 4 degrees.
+
+    Raises:
+        ProblemError: if a value has the wrong type or is out of range.
+
+    Example:
+        >>> import ergoqp
+        >>> robot = ergoqp.DeclaredRobot(delay=0.02, lag=0.05, pose_noise=0.001)
+        >>> robot.declared, robot.owes
+        (True, True)
+        >>> robot.noise[:3].tolist()
+        [0.001, 0.001, 0.001]
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+    gain_error: float = 0.0
+    pose_delay: float = 0.0
+    pose_noise: float = 0.0
+    pose_noise_deg: float = 0.0
+    longest_hold: float = 0.0
+    pose_from_posture: float = 0.035
+    pose_from_posture_deg: float = 8.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for entry in fields(self):
+            value, (most, unit) = getattr(self, entry.name), _LARGEST_TIME[entry.name]
+            check_number(f"robot.{entry.name}", value, 0.0, most, unit, ProblemError)
+
+    @property
+    def dead_time(self) -> float:
+        """Age up to which a sent twist has no effect on the measured pose yet [s]."""
+        return self.delay + self.pose_delay
+
+    @property
+    def owes(self) -> bool:
+        """Whether a part of what was sent is not in the measured pose yet."""
+        return bool(self.dead_time or self.lag)
+
+    @property
+    def needs_pose(self) -> bool:
+        """Whether the pose of the object is unknown without a measurement."""
+        return bool(self.gain_error or self.longest_hold)
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Largest error of a measured pose, per axis of a twist (6,) [m, rad]."""
+        return np.repeat([self.pose_noise, np.radians(self.pose_noise_deg)], 3)
+
+    @property
+    def declared(self) -> bool:
+        """Whether anything of the robot itself is declared."""
+        return any(getattr(self, entry.name) for entry in fields(self) if entry.default == 0)
+
 
 _NAMES: Final = ("base", "flange", "camera")
 _WIDEST: Final = 2.0
