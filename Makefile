@@ -15,7 +15,7 @@ BIN = $(VENV)/bin
 
 demo: $(VENV)/.runs
 	@mkdir -p $(OUT)
-	@$(BIN)/python -c "from ergoqp.simulation.demo_recording import demo_recording; demo_recording('$(OUT)/demo.bvh')"
+	@$(BIN)/python -c "from ergoqp.mocap.demo_recording import demo_recording; demo_recording('$(OUT)/demo.bvh')"
 	@$(BIN)/ergoqp run screwing --from $(OUT)/demo.bvh --out $(OUT)
 	@echo
 	@echo "The report is in $(abspath $(OUT))/report.html"

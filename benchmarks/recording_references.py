@@ -39,11 +39,11 @@ from benchmarks.recording_told import measure_told
 from benchmarks.recording_xsens import xsens
 from benchmarks.report import Report
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.recordings import Recording, fit_postures, load_recording
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.joints import joints_of
-from ergoqp.recordings.markers.fit import places_of_markers
-from ergoqp.recordings.readers import read_motion
+from ergoqp.mocap import Recording, fit_postures, load_recording
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.joints import joints_of
+from ergoqp.mocap.markers.fit import places_of_markers
+from ergoqp.mocap.readers import read_motion
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import elevation_of
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Report
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.markers.completion import completed
-from ergoqp.recordings.markers.landmarks import best_set
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.readers import read_motion
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.markers.fit import completed
+from ergoqp.mocap.markers.landmarks import best_set
+from ergoqp.mocap.readers import read_motion
+from ergoqp.mocap.recording import JointMotion
 
 PROMISED = 0.025
 

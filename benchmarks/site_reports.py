@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap.demo_recording import demo_recording
 
 QUICK: Final = {
     "run": "run screwing --duration 3",

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from ergoqp.costs.load import load_cost as load_cost
     from ergoqp.identification.calibrate import calibrate_frames as calibrate_frames
     from ergoqp.identification.identify import identify as identify
+    from ergoqp.mocap.load import fit_postures as fit_postures
+    from ergoqp.mocap.load import load_recording as load_recording
     from ergoqp.placing.optimise import optimise as optimise
     from ergoqp.problem.problem import Problem as Problem
     from ergoqp.problem.settings import Control as Control
     from ergoqp.problem.settings import DeclaredRobot as DeclaredRobot
     from ergoqp.problem.settings import Frames as Frames
     from ergoqp.problem_files.load import load_problem as load_problem
-    from ergoqp.recordings.load import fit_postures as fit_postures
-    from ergoqp.recordings.load import load_recording as load_recording
     from ergoqp.seeking.seeker import Seeker as Seeker
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
@@ -54,12 +54,12 @@ _LATER = {
     "benchmark_step": "ergoqp.step.timing",
     "calibrate_frames": "ergoqp.identification.calibrate",
     "compare": "ergoqp.comparison.compare",
-    "fit_postures": "ergoqp.recordings.load",
+    "fit_postures": "ergoqp.mocap.load",
     "identify": "ergoqp.identification.identify",
     "initial_state": "ergoqp.step.state",
     "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem_files.load",
-    "load_recording": "ergoqp.recordings.load",
+    "load_recording": "ergoqp.mocap.load",
     "optimise": "ergoqp.placing.optimise",
     "replay": "ergoqp.step.replay",
     "simulate": "ergoqp.simulation.simulate",

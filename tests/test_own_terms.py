@@ -13,12 +13,12 @@ import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone
+from ergoqp.mocap.demo_recording import demo_recording
+from ergoqp.mocap.load import load_recording
 from ergoqp.problem_files import schema as own_terms
 from ergoqp.problem_files.load import load_problem, problem_from_dict
-from ergoqp.recordings.load import load_recording
 from ergoqp.registry import GROUPS, registered
 from ergoqp.responses import IkResponse
-from ergoqp.simulation.demo_recording import demo_recording
 from ergoqp.simulation.robot import moved
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "own_terms"
@@ -104,7 +104,7 @@ def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
 
 def test_a_recording_is_read_by_the_own_reader(on_path, tmp_path):
     demo_recording(tmp_path / "demo.bvh")
-    from ergoqp.recordings.bvh.read import read_bvh
+    from ergoqp.mocap.formats.bvh import read_bvh
 
     motion = read_bvh(tmp_path / "demo.bvh")
     head = " ".join(["time", *(f"{name}.{axis}" for name in motion.names for axis in "xyz")])

@@ -119,12 +119,12 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
     "Recordings": (
         "ergoqp.load_recording",
         "ergoqp.fit_postures",
-        "ergoqp.recordings.Recording",
-        "ergoqp.recordings.READERS",
-        "ergoqp.recordings.motion.JointMotion",
-        "ergoqp.recordings.names.CENTRES",
-        "ergoqp.recordings.markers.landmarks.LANDMARKS",
-        "ergoqp.recordings.fitting.centres_of.centres_of",
+        "ergoqp.mocap.Recording",
+        "ergoqp.mocap.READERS",
+        "ergoqp.mocap.recording.JointMotion",
+        "ergoqp.mocap.names.CENTRES",
+        "ergoqp.mocap.markers.landmarks.LANDMARKS",
+        "ergoqp.mocap.fitting.person.centres_of",
     ),
     "Places": (
         "ergoqp.optimise",

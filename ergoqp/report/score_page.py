@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.recordings import Recording
+from ergoqp.mocap import Recording
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
 from ergoqp.report.body.person import Movement, timing_of

@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.recordings import Recording
+from ergoqp.mocap import Recording
 from ergoqp.report import palette
 from ergoqp.report.run_facts import facts_of, hint_of, told_of, violation_rows
 from ergoqp.report.scores import summary_of, worst_in_words

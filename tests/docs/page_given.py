@@ -17,9 +17,9 @@ from page_blocks import blocks_of
 import ergoqp
 from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY, RATE, moved, posture
+from ergoqp.mocap.demo_recording import demo_recording
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person
-from ergoqp.simulation.demo_recording import demo_recording
 from ergoqp.simulation.people import person_of_kind
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap.demo_recording import demo_recording
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.made_motions import BODY, RATE, Places, posture
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
-from ergoqp.recordings import load_recording
-from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.fitting.person import centres_of
 
 COUNT = 60
 PELVIS = np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1))

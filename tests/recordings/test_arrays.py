@@ -10,7 +10,7 @@ import pytest
 from benchmarks.made_motions import stoop
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
-from ergoqp.recordings import fit_postures
+from ergoqp.mocap import fit_postures
 
 NAMES, POINTS = list(stoop()[0]), np.stack(list(stoop()[0].values()), axis=1)
 

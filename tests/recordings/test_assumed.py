@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.recordings.assumed import held_object
-from ergoqp.recordings.fitting.axes import axes_of
+from ergoqp.mocap.assumptions import held_object
+from ergoqp.mocap.fitting.axes import axes_of
 
 HANDS = {
     "right_wrist": np.tile([1000.0, 0, 0], (9, 1)),

@@ -12,10 +12,10 @@ from benchmarks.recording_outcomes import Case, cases
 from ergoqp import reba
 from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.recordings import fit_postures
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap import fit_postures
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.recording import JointMotion
 
 
 @pytest.fixture

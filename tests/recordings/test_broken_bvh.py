@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ergoqp.mocap.bvh import parse
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.bvh import parse
-from ergoqp.recordings.bvh.read import read_bvh
+from ergoqp.mocap.formats.bvh import read_bvh
 
 
 def small_file() -> str:

@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 from benchmarks.made_motions import SHOULDERS
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.recordings.fitting import posture_fit
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.fitting.posture_fit import fit
-from ergoqp.recordings.fitting.steady import steady
-from ergoqp.recordings.naming import CENTRES
+from ergoqp.mocap.fitting import posture_fit
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.fitting.posture import fit, steady
+from ergoqp.mocap.naming import CENTRES
 from ergoqp.sheets.description import elevation_of
 
 BODY = Body.of_lengths({"upper_arm": 0.33, "forearm": 0.24, "thigh": 0.40, "trunk": 0.50})

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ergoqp.recordings.guess import guessed, template
-from ergoqp.recordings.markers.landmarks import LANDMARKS
-from ergoqp.recordings.names import CENTRES
-from ergoqp.recordings.naming import known_namings, read_mapping
+from ergoqp.mocap.markers.landmarks import LANDMARKS
+from ergoqp.mocap.names import CENTRES, guessed, template
+from ergoqp.mocap.naming import known_namings, read_mapping
 
 WANTED = (*CENTRES, *LANDMARKS)
 SIGNS = ("=", "'", "", " ", "[table]", "# comment", "C:\\hips", "tab\there", "\\u0041", 'R_Hip"\n')

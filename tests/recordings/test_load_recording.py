@@ -16,9 +16,9 @@ from ergoqp import JOINTS
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.recordings import Recording, fit_postures, load_recording
-from ergoqp.recordings.bvh.write import write_bvh
-from ergoqp.recordings.fitting.axes import UPS, axes_of
+from ergoqp.mocap import Recording, fit_postures, load_recording
+from ergoqp.mocap.fitting.axes import UPS, axes_of
+from ergoqp.mocap.formats.write_bvh import write_bvh
 
 DEGREE = np.radians(1)
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from ergoqp.human import FRACTIONS, Body
-from ergoqp.recordings import fit_postures
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.fitting.person import side_measured
+from ergoqp.mocap import fit_postures
+from ergoqp.mocap.fitting.person import centres_of, side_measured
 
 CENTRES = centres_of(Body(), np.tile([0.0, 0.0, 0.9, 0.0], (50, 1)), np.zeros((50, 32)))
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.made_motions import RATE, walk
-from ergoqp.recordings import fit_postures
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.naming import Naming, known_namings, naming_of
+from ergoqp.mocap import fit_postures
+from ergoqp.mocap.naming import Naming, known_namings, naming_of
+from ergoqp.mocap.recording import JointMotion
 
 NAMINGS = pytest.mark.parametrize("naming", known_namings(), ids=lambda each: each.title)
 _SPINE = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")

@@ -11,11 +11,10 @@ from benchmarks.made_motions import BODY, RATE, Places, fitted, leaning, posture
 from ergoqp import reba
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.joints import INDEX
-from ergoqp.recordings import Recording, fit_postures, load_recording
-from ergoqp.recordings.bvh.write import write_bvh
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.fitting.leaning import leans, straightened
-from ergoqp.recordings.fitting.neutral import neutral_of, stated_neutral, t_poses
+from ergoqp.mocap import Recording, fit_postures, load_recording
+from ergoqp.mocap.fitting.axes import leans, neutral_of, stated_neutral, straightened, t_poses
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.formats.write_bvh import write_bvh
 
 TRUNK = INDEX["trunk_flexion"]
 

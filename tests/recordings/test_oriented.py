@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.naming import Naming, known_namings, naming_of
-from ergoqp.recordings.oriented import AHEAD, oriented
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.naming import Naming, known_namings, naming_of
+from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.unseen import AHEAD, oriented
 
 BODY = Body.of_stature(1.72)
 COUNT = 90

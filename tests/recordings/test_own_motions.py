@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings import readers
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.own_motions import lacking, normalised
+from ergoqp.mocap import readers
+from ergoqp.mocap.readers import lacking, normalised
+from ergoqp.mocap.recording import JointMotion
 
 TURN = np.tile([0.0, 0.0, 0.6, 0.8], (3, 1))
 POSE = np.tile(np.eye(4), (3, 1, 1))
@@ -115,7 +115,7 @@ def test_what_is_wrong_is_one_sentence(
     with pytest.raises(RecordingError) as caught:
         readers.read_motion(Path("take.own"))
     assert str(caught.value).startswith(f"take.own: got {found}")
-    assert str(caught.value).endswith("allowed a JointMotion of ergoqp.recordings.motion")
+    assert str(caught.value).endswith("allowed a JointMotion of ergoqp.mocap.recording")
     assert "\n" not in str(caught.value)
     assert "from the reader own" in str(caught.value)
 

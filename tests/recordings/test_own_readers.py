@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import InputError, RecordingError
-from ergoqp.recordings import readers
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap import readers
+from ergoqp.mocap.recording import JointMotion
 
 GOOD = JointMotion(("a", "b"), np.zeros((3, 2, 3)), np.arange(3.0))
 

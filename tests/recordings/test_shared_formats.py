@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError, UnknownNamesError
-from ergoqp.recordings import load_recording
-from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.fitting.person import centres_of
 
 ARMS = [f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist")]
 

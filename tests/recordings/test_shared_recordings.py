@@ -10,9 +10,9 @@ import pytest
 
 from ergoqp.human import Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.recordings import Recording, load_recording
-from ergoqp.recordings.bvh.read import read_bvh
-from ergoqp.recordings.fitting.axes import axes_of
+from ergoqp.mocap import Recording, load_recording
+from ergoqp.mocap.fitting.axes import axes_of
+from ergoqp.mocap.formats.bvh import read_bvh
 
 FILES = {
     # file: naming, unit [m], largest median fit error [m], joints that its points do not tell

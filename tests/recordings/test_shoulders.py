@@ -6,11 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.human import FRACTIONS, Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.recordings import shoulders
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.shoulders import SAID
+from ergoqp.mocap import shoulders
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.unseen import SAID
 from ergoqp.sheets.description import elevation_of
 
 # Not the average that is fallen back to.

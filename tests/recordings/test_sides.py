@@ -8,11 +8,11 @@ import pytest
 from benchmarks.made_motions import BODY, Places, fitted, posture, walk
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.fitting.sides import check_sides
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.oriented import AHEAD
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.fitting.axes import check_sides
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.unseen import AHEAD
 
 TOES = tuple(f"{side}_toe" for side in SIDES)
 LEGS = (*TOES, *(f"{side}_{name}" for side in SIDES for name in ("knee", "ankle")))

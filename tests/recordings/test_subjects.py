@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.made_motions import walk
 from ergoqp.errors import InputError, RecordingError
+from ergoqp.mocap.formats.c3d import read_c3d
+from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.joints import _known, of_subject
+from ergoqp.mocap.names import CENTRES
+from ergoqp.mocap.recording import JointMotion
 from ergoqp.progress import unseen
-from ergoqp.recordings.formats.c3d import read_c3d
-from ergoqp.recordings.formats.rows import Asked
-from ergoqp.recordings.joints import _known
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.names import CENTRES
-from ergoqp.recordings.subjects import of_subject
 
 COUNT = 60
 HEAD_AND_TRUNK = ("LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN")

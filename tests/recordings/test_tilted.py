@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.made_motions import Places, fitted, stoop
 from ergoqp.joints import INDEX
-from ergoqp.recordings import Recording
+from ergoqp.mocap import Recording
 
 TRUNK = INDEX["trunk_flexion"]
 UNSURE = "Whether the camera is tilted against that axis is not checked"

@@ -14,11 +14,11 @@ from ergoqp.errors import InputError
 from ergoqp.human import Kinematics
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
-from ergoqp.recordings import Recording, load_recording
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap import Recording, load_recording
+from ergoqp.mocap.demo_recording import demo_recording
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.recorded import as_recorded, planted, seat_above_feet
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.recorded import as_recorded, planted, seat_above_feet
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ from ergoqp.arguments import check_whole
 from ergoqp.cli.commands.screen import working
 from ergoqp.errors import InputError, MissingExtraError, ProblemError
 from ergoqp.joints import JOINTS
+from ergoqp.mocap import Recording, load_recording
 from ergoqp.placing.program import check_names
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem, problem_names
-from ergoqp.recordings import Recording, load_recording
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
+from ergoqp.mocap import Recording
+from ergoqp.mocap.recorded import as_recorded
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.messages import nearest_first
-from ergoqp.recordings import Recording
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place
@@ -35,7 +36,6 @@ from ergoqp.seeking.tries import Place
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.loop import check_numbers
 from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.recorded import as_recorded
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate

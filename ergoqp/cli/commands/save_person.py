@@ -10,9 +10,9 @@ from ergoqp.errors import InputError
 from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
 from ergoqp.joints import SIDES, spoken
-from ergoqp.recordings import Recording
-from ergoqp.recordings.fitting.person import side_measured
-from ergoqp.recordings.formats.opening import some
+from ergoqp.mocap import Recording
+from ergoqp.mocap.fitting.person import side_measured
+from ergoqp.mocap.formats.text import some
 
 _LEAST: Final = 20
 """Least number of scored frames to measure a person."""

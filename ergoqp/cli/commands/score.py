@@ -13,10 +13,10 @@ from ergoqp.cli.commands.common import (
 from ergoqp.cli.commands.save_person import save_person
 from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import RecordingError, UnknownNamesError
+from ergoqp.mocap.markers.landmarks import LANDMARKS
+from ergoqp.mocap.names import template
+from ergoqp.mocap.naming import CENTRES
 from ergoqp.progress import part_of
-from ergoqp.recordings.guess import template
-from ergoqp.recordings.markers.landmarks import LANDMARKS
-from ergoqp.recordings.naming import CENTRES
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table

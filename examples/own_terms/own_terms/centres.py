@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.recording import JointMotion
 
 
 def read_centres(path: Path) -> JointMotion:

@@ -18,9 +18,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ergoqp.recordings.formats.bag import read_bag
-from ergoqp.recordings.formats.rows import Asked
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.formats.bag import read_bag
+from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.recording import JointMotion
 
 BEGIN = 1_600_000_000_000_000_000
 """When the bags begin [ns]."""

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from ergoqp.errors import RecordingError
+from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.recording import JointMotion
 from ergoqp.progress import Progress, unseen
-from ergoqp.recordings.formats.rows import Asked
-from ergoqp.recordings.motion import JointMotion
 
 Reader = Callable[[Path, Progress, Asked], JointMotion]
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from ros_bags import KINDS, LIFTED, Bag, body, read
 
-from ergoqp.recordings.formats.bag import read_bag
-from ergoqp.recordings.formats.bag_files import is_bag
-from ergoqp.recordings.formats.bag_markers import KINECT
-from ergoqp.recordings.formats.rows import Asked
-from ergoqp.recordings.formats.table import read_table
+from ergoqp.mocap.formats.bag import is_bag, read_bag
+from ergoqp.mocap.formats.bag_series import KINECT
+from ergoqp.mocap.formats.table import read_table
+from ergoqp.mocap.formats.text import Asked
 
 TIMES = np.arange(10) / 10
 

@@ -10,9 +10,8 @@ import pytest
 from ros_bags import KINDS, Bag, body, read
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.bag_files import is_bag
-from ergoqp.recordings.formats.kinds import BAG, kind_of
-from ergoqp.recordings.readers import read_motion
+from ergoqp.mocap.formats.bag import is_bag
+from ergoqp.mocap.readers import BAG, kind_of, read_motion
 
 TIMES = [i / 10 for i in range(10)]
 

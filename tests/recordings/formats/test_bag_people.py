@@ -13,7 +13,7 @@ import ergoqp
 from benchmarks.made_motions import stoop
 from ergoqp.errors import RecordingError
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.recordings.formats.bag_markers import KINECT
+from ergoqp.mocap.formats.bag_series import KINECT
 
 TIMES = np.arange(20) / 10
 

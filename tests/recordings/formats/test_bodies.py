@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from small_files import BODY, folder_of, read, refused, write
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.bodies import is_folder_of_bodies, read_bodies
+from ergoqp.mocap.formats.bodies import is_folder_of_bodies, read_bodies
 
 POSED = "The quaternions are taken as "
 

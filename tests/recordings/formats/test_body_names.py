@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from small_files import BODY, folder_of, read, write
 
-from ergoqp.recordings.formats.bodies import read_bodies
+from ergoqp.mocap.formats.bodies import read_bodies
 
 
 @pytest.mark.parametrize(

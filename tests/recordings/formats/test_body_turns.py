@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_files import BODY, folder_of, read
 
-from ergoqp.recordings.formats.bodies import read_bodies
+from ergoqp.mocap.formats.bodies import read_bodies
 
 POSED = "The quaternions are taken as "
 

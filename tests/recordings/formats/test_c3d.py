@@ -10,8 +10,8 @@ import pytest
 from c3d_files import CODES, POINT, POINTS, made, parameter
 from small_files import read, write
 
-from ergoqp.recordings.formats.c3d import read_c3d
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.formats.c3d import read_c3d
+from ergoqp.mocap.recording import JointMotion
 
 FILES = {
     # file: unit [m], points with a name of their own that are markers, angles

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from small_files import read, refused, write
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.c3d import read_c3d
+from ergoqp.mocap.formats.c3d import read_c3d
 
 GROUPS = {
     "TRIAL": {"ACTUAL_START_FIELD": [1, 0], "ACTUAL_END_FIELD": [3, 0]},

@@ -11,7 +11,7 @@ import pytest
 from c3d_files import BLOCK, CODES, POINT, POINTS, made
 from small_files import read, refused, write
 
-from ergoqp.recordings.formats.c3d import read_c3d
+from ergoqp.mocap.formats.c3d import read_c3d
 
 LONG = 70_000
 """Frames of a take of an hour at 20 Hz."""

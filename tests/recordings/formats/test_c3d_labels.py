@@ -10,8 +10,8 @@ import pytest
 from c3d_files import POINT, POINTS, made
 from small_files import read, refused, write
 
-from ergoqp.recordings.formats.c3d import read_c3d
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.formats.c3d import read_c3d
+from ergoqp.mocap.recording import JointMotion
 
 
 def read_made(folder: Path, **options: Any) -> JointMotion:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_files import TABLE, read, refused, write
 
-from ergoqp.recordings.formats.table import read_table
+from ergoqp.mocap.formats.table import read_table
 
 HEAD, _, ROWS = TABLE.partition("\n")
 

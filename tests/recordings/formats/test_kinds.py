@@ -16,11 +16,10 @@ from c3d_files import made
 from small_files import BODY, MOTIVE, MVNX, STORAGE, TABLE, TRC, write
 
 from ergoqp.errors import InputError, RecordingError
+from ergoqp.mocap.formats import kinds
+from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.readers import KINDS, READERS, Kind, kind_of, read_motion
 from ergoqp.progress import unseen
-from ergoqp.recordings.formats import kinds
-from ergoqp.recordings.formats.kinds import KINDS, Kind, kind_of
-from ergoqp.recordings.formats.rows import Asked
-from ergoqp.recordings.readers import READERS, read_motion
 from ergoqp.registry import GROUPS
 
 BVH = """HIERARCHY

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_files import MOTIVE, read, refused, write
 
-from ergoqp.recordings.formats.motive import read_motive
+from ergoqp.mocap.formats.motive import read_motive
 
 HIP = np.array([[1, 2, 3], [1.5, 2.5, 3.5], [1, 2, 3]], dtype=np.float32)
 UNIFORM = "The frames are uniform in time, 0.1 s apart."

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from small_files import BODY, MOTIVE, MVNX, NEXUS, STORAGE, TABLE, TRC, Reader, read, write
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.bodies import read_bodies
-from ergoqp.recordings.formats.motive import read_motive
-from ergoqp.recordings.formats.mvnx import read_mvnx
-from ergoqp.recordings.formats.nexus import read_nexus
-from ergoqp.recordings.formats.storage import read_storage
-from ergoqp.recordings.formats.table import read_table
-from ergoqp.recordings.formats.trc import read_trc
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.formats.bodies import read_bodies
+from ergoqp.mocap.formats.motive import read_motive
+from ergoqp.mocap.formats.mvnx import read_mvnx
+from ergoqp.mocap.formats.nexus import read_nexus
+from ergoqp.mocap.formats.opensim import read_storage
+from ergoqp.mocap.formats.table import read_table
+from ergoqp.mocap.formats.trc import read_trc
+from ergoqp.mocap.recording import JointMotion
 
 FORMATS = {
     "table": (read_table, TABLE),

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_files import MVNX, mvnx_frame, read, refused, write
 
-from ergoqp.recordings.formats import mvnx, mvnx_wearer
-from ergoqp.recordings.formats.mvnx import read_mvnx
+from ergoqp.mocap.formats import mvnx
+from ergoqp.mocap.formats.mvnx import read_mvnx
 
 UNIFORM = "The frames are uniform in time, 0.1 s apart."
 POSED = "1 calibration poses (N-pose, T-pose) of the file are left out."

@@ -10,9 +10,9 @@ from small_files import NEXUS, read, refused, write
 
 from benchmarks.made_markers import markers_of
 from benchmarks.made_motions import BODY, moved, read_angles
-from ergoqp.recordings import load_recording
-from ergoqp.recordings.formats.kinds import kind_of
-from ergoqp.recordings.formats.nexus import read_nexus
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.formats.nexus import read_nexus
+from ergoqp.mocap.readers import kind_of
 
 DEVICES = """Devices
 1000

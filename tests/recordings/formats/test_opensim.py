@@ -13,15 +13,13 @@ from scipy.spatial.transform import Rotation
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.formats.opensim import posed, read_storage
+from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR, UPPER_LIMB
+from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.recording import JointMotion, Recording
 from ergoqp.progress import unseen
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.formats.opensim import posed
-from ergoqp.recordings.formats.opensim_models import FULL_BODY, THORACOSCAPULAR, UPPER_LIMB
-from ergoqp.recordings.formats.rows import Asked
-from ergoqp.recordings.formats.storage import read_storage
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.recording import Recording
 
 LENGTHS = Body().lengths
 RIGHT_ARM = {"right_elbow", "right_wrist", "right_knuckles", "right_thumb"}

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.opensim_angles import check_unit, with_bent_hinges
-from ergoqp.recordings.formats.opensim_models import FULL_BODY, THORACOSCAPULAR
-from ergoqp.recordings.formats.storage import is_length
-from ergoqp.recordings.load import load_recording
+from ergoqp.mocap.formats.opensim import check_unit, is_length, with_bent_hinges
+from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR
+from ergoqp.mocap.load import load_recording
 
 COUNT = 200
 SWING = np.sin(np.linspace(0, 6 * np.pi, COUNT))

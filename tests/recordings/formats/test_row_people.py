@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from small_files import read, refused, write
 
-from ergoqp.recordings.formats.row_people import People
-from ergoqp.recordings.formats.table import read_table
+from ergoqp.mocap.formats.columns import People
+from ergoqp.mocap.formats.table import read_table
 
 NAN = np.nan
 HEADS = [

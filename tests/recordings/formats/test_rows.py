@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.progress import unseen
-from ergoqp.recordings.formats import rows, text_lines
-from ergoqp.recordings.formats.rows import (
+from ergoqp.mocap.formats import rows, text_lines
+from ergoqp.mocap.formats.text import (
     Gathered,
+    TextLines,
     blocks,
     cells,
     count_of,
     separator_of,
 )
-from ergoqp.recordings.formats.text_lines import TextLines
+from ergoqp.progress import unseen
 
 NAN = np.nan
 

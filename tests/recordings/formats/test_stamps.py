@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.stamps import (
+from ergoqp.mocap.formats.stamps import (
     repeated,
     seconds,
     steady,

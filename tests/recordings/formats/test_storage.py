@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_files import STORAGE, read, refused, write
 
-from ergoqp.recordings.formats.storage import is_length, read_storage
+from ergoqp.mocap.formats.opensim import is_length, read_storage
 
 UNIFORM = "The frames are uniform in time, 0.1 s apart."
 UNSTATED = "The file does not state the unit of its angles: they are taken as "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.recordings.formats.sureness import Doubts, Sure
+from ergoqp.mocap.formats.columns import Doubts, Sure
 
 NAN = np.nan
 

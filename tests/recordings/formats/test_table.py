@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_files import TABLE, read, refused, write
 
-from ergoqp.recordings.formats.table import read_table
+from ergoqp.mocap.formats.table import read_table
 
 POINTS = np.array(
     [[[1, 2, 3], [4, 5, 6]], [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]], [[-0.1, 2, 3], [4, 5, 6.25]]]

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ergoqp.errors import RecordingError
+from ergoqp.mocap.formats.text import TextLines
 from ergoqp.progress import unseen
-from ergoqp.recordings.formats.text_lines import TextLines
 
 
 def lines_of(content: str | bytes) -> TextLines:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_files import TRC, read, refused, write
 
-from ergoqp.recordings.formats.trc import read_trc
+from ergoqp.mocap.formats.trc import read_trc
 
 POINTS = np.array(
     [[[1, 2, 3], [4, 5, 6]], [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]], [[-0.1, 2, 3], [4, 5, 6.25]]],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ergoqp.recordings.formats.words import Clock, surety
+from ergoqp.mocap.formats.columns import Clock, surety
 
 
 @pytest.mark.parametrize(

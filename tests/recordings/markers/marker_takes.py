@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.made_markers import markers_of
 from benchmarks.made_motions import BODY, RATE, moved, read_angles
 from benchmarks.recording_outcomes import OFF as OFF
-from ergoqp.recordings import Recording, fit_postures
+from ergoqp.mocap import Recording, fit_postures
 
 
 @cache

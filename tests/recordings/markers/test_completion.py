@@ -10,8 +10,8 @@ import pytest
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, RATE, fitted, walk
 from ergoqp.human.person_file import Marker
-from ergoqp.recordings.markers.completion import completed, has_gaps
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.markers.fit import completed, has_gaps
+from ergoqp.mocap.recording import JointMotion
 
 SITS = plug_in_gait(BODY)
 LEG = ("RASI", "LASI", "RPSI", "LPSI", "RTHI", "RTIB", "RANK", "RHEE", "RTOE")

@@ -8,10 +8,9 @@ import pytest
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, fitted, walk
 from ergoqp.joints import INDEX
-from ergoqp.recordings import Recording, assemble, fit_postures
-from ergoqp.recordings.fitting.centres_of import growth_of
-from ergoqp.recordings.markers.frames import SEGMENTS
-from ergoqp.recordings.markers.gauss_newton import _placed, told_markers
+from ergoqp.mocap import Recording, assemble, fit_postures
+from ergoqp.mocap.fitting.person import growth_of
+from ergoqp.mocap.markers.fit import SEGMENTS, _placed_with_slope, told_markers
 from ergoqp.sheets.description import elevation_of
 
 LOST = slice(100, 200)
@@ -32,12 +31,12 @@ def test_slopes_are_those_of_finite_differences(walked):
     sits = plug_in_gait(BODY)
     frames = np.array([SEGMENTS.index(each.frame) for each in sits.values()])
     offsets, growth = np.array([each.offset for each in sits.values()]), growth_of(BODY)
-    place, slope = _placed(z, growth, frames, offsets)
+    place, slope = _placed_with_slope(z, growth, frames, offsets)
     np.testing.assert_allclose(place, markers_of(BODY, z[:, :4], z[:, 4:])[1], atol=1e-12)
     for k in range(36):
         step = np.zeros(36)
         step[k] = 1e-6
-        beside = _placed(z + step, growth, frames, offsets)[0]
+        beside = _placed_with_slope(z + step, growth, frames, offsets)[0]
         np.testing.assert_allclose((beside - place) / 1e-6, slope[..., k], atol=1e-5)
 
 

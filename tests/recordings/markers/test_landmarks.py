@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from ergoqp.human import Body
-from ergoqp.recordings.markers.fit import markers_on
-from ergoqp.recordings.markers.frames import SEGMENTS
-from ergoqp.recordings.markers.landmarks import (
+from ergoqp.mocap.markers.fit import SEGMENTS, markers_on
+from ergoqp.mocap.markers.landmarks import (
     LANDMARKS,
     RIGID,
     MarkerSet,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.recordings.markers.linked import Links, usual_distance
+from ergoqp.mocap.markers.landmarks import Links, usual_distance
 
 COUNT = 200
 LEG = {

@@ -12,10 +12,10 @@ from marker_takes import NAMES, OFF, PLACES, at, read, said, undisturbed, withou
 from benchmarks.made_markers import write_c3d, write_table
 from benchmarks.made_motions import RATE
 from ergoqp.errors import RecordingError
-from ergoqp.recordings import load_recording
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.fitting.axes import UPS, axes_of
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.fitting.axes import UPS, axes_of
+from ergoqp.mocap.recording import JointMotion
 
 SHORT = slice(300, 480)
 """The end of the walk and most of the stoop."""
@@ -169,7 +169,7 @@ def test_a_long_take_is_read_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     places[200:230, at("RELB", "LELB")] = places[200:230, at("LELB", "RELB")]
     places[470:500, at("RKNE", "LKNE")] = places[470:500, at("LKNE", "RKNE")]
     whole = read(places)
-    monkeypatch.setattr("ergoqp.recordings.markers.joints._BLOCK", 100)
+    monkeypatch.setattr("ergoqp.mocap.markers.joints._BLOCK", 100)
     parts = read(places)
     assert all(f"{side} outer elbow in 42" in said(whole) for side in ("left", "right"))
     np.testing.assert_allclose(parts.postures, whole.postures, atol=1e-5)

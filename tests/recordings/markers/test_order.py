@@ -7,8 +7,7 @@ import pytest
 from marker_takes import NAMES, PLACES, at, fallen, read
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.markers.landmarks import known_sets
-from ergoqp.recordings.markers.order import check_order
+from ergoqp.mocap.markers.landmarks import check_order, known_sets
 
 EVERYWHERE = slice(None)
 WRONG = {

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ergoqp.recordings.markers.rigid import brought_to, follow, shape_of
+from ergoqp.mocap.markers.rigid import brought_to, follow, shape_of
 
 PELVIS = np.array(
     [[0.09, 0.12, 0.0], [0.09, -0.12, 0.01], [-0.07, 0.05, 0.02], [-0.07, -0.05, 0.01]]

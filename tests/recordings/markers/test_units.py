@@ -6,7 +6,7 @@ import pytest
 from benchmarks.made_markers import markers_of
 from benchmarks.made_motions import BODY
 from ergoqp.errors import RecordingError
-from ergoqp.recordings import fit_postures
+from ergoqp.mocap import fit_postures
 
 NAMES, PLACES = markers_of(BODY, np.tile([0.0, 0.0, 0.9, 0.0], (60, 1)), np.zeros((60, 32)))
 

@@ -1,0 +1,3 @@
+"""The formats of motion-capture files, with one reader for each."""
+
+from __future__ import annotations

@@ -1,0 +1,281 @@
+"""Tables of joint or marker positions: a column for each coordinate, a row for each frame.
+
+Depth cameras and body trackers write such tables (Kinect, Nuitrack, ZED, MediaPipe), and so do
+motion-capture programs. Names stand before the coordinate ("NECK.x", "neck_x", "neck x (mm)"), or
+in a row above the coordinates. Several people may have a row each per frame, with a column that
+states the person.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import RecordingError
+from ergoqp.mocap.formats.columns import (
+    Clock,
+    Doubts,
+    Layout,
+    People,
+    layout_asked,
+    layout_of,
+    side_by_side,
+    surety,
+)
+from ergoqp.mocap.formats.stamps import repeated, seconds, steady
+from ergoqp.mocap.formats.text import (
+    EMPTY,
+    Asked,
+    Chosen,
+    Gathered,
+    TextLines,
+    binary,
+    blocks,
+    cells,
+    is_nothing,
+    is_number,
+    separator_of,
+    short,
+    some,
+)
+from ergoqp.mocap.recording import JointMotion
+from ergoqp.progress import Progress
+
+_HEAD: Final = 20
+"""Largest number of lines above the numbers that are not empty; Qualisys writes twelve."""
+_BLANK: Final = 1000
+"""Largest number of empty lines above the numbers."""
+_RATE: Final = "; or state the frames per second (rate)"
+
+
+def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+    """Return the points of a table of positions.
+
+    Positions with a low confidence are taken as not seen, if the table states a confidence. With
+    several people, the names of the points get the person as a prefix: "2:NECK".
+
+    Args:
+        path: the file.
+        progress: is called with the share of the file that is read.
+        asked: names of the columns, if the file has none, and frames per second, used instead of
+            its times.
+
+    Raises:
+        RecordingError: if it is not such a table, with the line.
+    """
+    with binary(path) as file:
+        lines = TextLines(path, file, path.stat().st_size, progress)
+        head, first, line = _head(lines)
+        separator = separator_of(first, *reversed(head))
+        words = cells(first, separator)
+        layout = (
+            layout_of(lines, [cells(row, separator) for row in head], len(words))
+            if head
+            else layout_asked(lines, words, asked)
+        )
+        if layout.time is None and asked.rate is None:
+            raise RecordingError(
+                f"{path.name}: got no column of times, allowed one that is called time or"
+                f" timestamp{_RATE}"
+            )
+        table = _Table(path.name, layout, asked.rate)
+        chosen = table.chosen(lines, words, line)
+        for values in blocks(lines, separator, layout.width, layout.time is None, chosen):
+            table.add(values, lines.share)
+    notes = [*table.unread(words)]
+    if head and asked.columns:
+        notes.append("The stated names (columns) are not used: the table has its own.")
+    return table.motion(notes)
+
+
+class _Table:
+    """The numbers of a table, as they are read."""
+
+    def __init__(self, where: str, layout: Layout, rate: float | None) -> None:
+        self._where = where
+        self._layout = layout
+        self._rate = rate
+        self._people = People()
+        self._doubts = Doubts(layout.sure)
+        self._places, self._keys, self._whose = Gathered(), Gathered(), Gathered()
+        self._points = [c for columns in layout.points.values() for c in columns]
+        several = layout.whose is not None
+        # Frame numbers identify the frames of several people, however coarse the times are.
+        self._numbered = (
+            several and layout.frame is not None and (layout.time is None or rate is not None)
+        )
+        if self._numbered:
+            self._key = layout.frame
+        else:
+            self._key = layout.time if rate is None or several else None
+        self._fine = layout.fine if self._key is not None and not self._numbered else None
+
+    def chosen(self, lines: TextLines, words: list[str], line: int) -> Chosen:
+        """Return the columns that are read.
+
+        Args:
+            lines: the file, for messages.
+            words: the first row of numbers.
+            line: number of its line.
+
+        Raises:
+            RecordingError: if there is a word in place of a number.
+        """
+        layout = self._layout
+        words = [*words, *[""] * layout.width][: layout.width]
+        texts = {i for i, word in enumerate(words) if not is_nothing(word) and not is_number(word)}
+        if wrong := [column for column in self._points if column in texts]:
+            lines.fail(
+                f"got {short(words[wrong[0]])} in the column {short(layout.head(wrong[0]))},"
+                " allowed a number",
+                line,
+            )
+        sure = [each.column for each in layout.sure]
+        others = [c for c in (self._key, self._fine, layout.whose) if c is not None]
+        columns = [*self._points, *sure, *others]
+        told: dict[int, Callable[[str], str]] = {
+            i: surety for i, column in enumerate(columns) if column in sure and column in texts
+        }
+        if self._key is not None and self._key in texts:
+            told[columns.index(self._key, len(self._points))] = Clock(layout.head(self._key))
+        if layout.whose is not None:
+            told[len(columns) - 1] = self._people
+        return Chosen(columns, told)
+
+    def unread(self, words: list[str]) -> list[str]:
+        """Return a sentence with the columns that are not read although a user may expect it."""
+        layout = self._layout
+        used = {*self._points, *(each.column for each in layout.sure)}
+        used |= {layout.time, layout.fine, layout.frame, layout.whose}
+        texts = [
+            i
+            for i, word in enumerate(words)
+            if i not in used and not is_nothing(word) and not is_number(word)
+        ]
+        if not (columns := sorted({*layout.unread, *texts})):
+            return []
+        if len(columns) == 1:
+            return [f"The column {layout.head(columns[0])} is not read."]
+        return [f"The columns {some([layout.head(each) for each in columns], 6)} are not read."]
+
+    def add(self, values: np.ndarray, share: float) -> None:
+        """Add rows of the chosen columns."""
+        points, sure = len(self._points), len(self._layout.sure)
+        block = values[:, :points].astype(np.float32).reshape(len(values), -1, 3)
+        self._places.add(block, share)
+        if sure:
+            self._doubts.add(values[:, points : points + sure], share)
+        if self._key is not None:
+            keys = values[:, points + sure]
+            if self._fine is not None:
+                keys = keys + 1e-9 * values[:, points + sure + 1]
+            self._keys.add(keys, share)
+        if self._layout.whose is not None:
+            self._whose.add(values[:, -1], share)
+
+    def motion(self, notes: list[str]) -> JointMotion:
+        """Return the motion that was read, with further sentences."""
+        layout, names, positions = self._layout, tuple(self._layout.points), self._places.whole
+        keys = self._keys.whole if self._key is not None else None
+        if layout.time is None:
+            last = _seen(positions)
+            positions, keys = positions[:last], keys if keys is None else keys[:last]
+        notes += self._doubts.blank(positions)
+        numbered = False
+        if layout.whose is not None and self._people.are_several(keys):
+            if keys is None:
+                raise RecordingError(
+                    f"{self._where}: got the rows of {len(self._people.labels)} people without"
+                    " times, allowed a column of times, or a column of frame numbers and stated"
+                    " frames per second (rate)"
+                )
+            names, positions, keys, said = side_by_side(
+                self._where,
+                names,
+                positions,
+                self._whose.whole[: len(positions)],
+                self._people,
+                keys,
+                _RATE if layout.frame is not None else "",
+            )
+            notes += said
+            numbered = self._numbered
+        elif layout.whose is not None and (self._people.counts or len(self._people.labels) > 1):
+            notes.append(
+                f"The column {layout.head(layout.whose)} has another value in each row and is not"
+                " used."
+            )
+        if self._rate is not None:
+            time, said = steady(self._where, len(positions), self._rate)
+            if keys is not None and numbered:
+                time = (keys - keys[0]) / self._rate
+            if layout.time is not None:
+                said.append(
+                    f"The times of the column {layout.head(layout.time)} are not used: the frames"
+                    " per second are stated (rate)."
+                )
+        else:
+            assert keys is not None
+            time, kept, said = seconds(self._where, keys, layout.tick, [positions], _RATE)
+            positions = positions if kept.all() else positions[kept]
+        return JointMotion(
+            names,
+            positions,
+            time,
+            None,
+            (*said, *notes, *repeated(positions)),
+            unit=layout.unit,
+        )
+
+
+def _seen(positions: np.ndarray) -> int:
+    """Return the number of frames up to the last in which a point is seen, at least one."""
+    count = len(positions)
+    while count > 1 and np.isnan(positions[count - 1]).all():
+        count -= 1
+    return count
+
+
+def _head(lines: TextLines) -> tuple[list[str], str, int]:
+    """Return the rows above the numbers that are not empty, the first row of numbers and its line.
+
+    The first row of numbers remains to be read, and so do empty rows above it, which may be frames.
+    The numbers begin with the first of a run of rows that are mostly numbers.
+    """
+    head: list[str] = []
+    rows: list[str] = []
+    numbers, empty = 0, 0
+    while len(head) + numbers < _HEAD and empty < _BLANK:
+        taken = lines.take(1)
+        if not taken and numbers:
+            break
+        row = taken[0] if taken else lines.next("a row of numbers")
+        rows.append(row)
+        if not row.strip(EMPTY):
+            # Empty rows are taken together, because there may be many before anybody is seen.
+            more = lines.take(max(_BLANK - empty - 1, 1))
+            end = next((i for i, each in enumerate(more) if each.strip(EMPTY)), len(more))
+            lines.put_back(*more[end:])
+            rows += more[:end]
+            empty += sum(not each.strip() for each in [row, *more[:end]])
+            continue
+        words = [word.strip('"') for word in re.split(r"[\s,;]+", row.strip(EMPTY))]
+        seen = [word for word in words if not is_nothing(word)]
+        known = sum(map(is_number, seen))
+        if seen and known == len(seen):
+            numbers += 1
+            break
+        if known >= 3 and 2 * known >= len(seen):
+            numbers += 1
+            continue
+        head += [each for each in rows if each.strip(EMPTY)]
+        rows, numbers = [], 0
+    if not numbers:
+        lines.fail(f"got {lines.line} lines without a row of numbers, allowed a table of positions")
+    lines.put_back(*rows)
+    at, first = next((i, row) for i, row in enumerate(rows, 1) if row.strip(EMPTY))
+    return head, first, lines.line + at

@@ -1,1 +1,0 @@
-"""The formats of motion-capture files, with one reader for each."""
