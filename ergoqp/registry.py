@@ -19,6 +19,7 @@ GROUPS: Final = {
     "response": "ergoqp.responses",
     "solver": "ergoqp.solvers",
     "reader": "ergoqp.readers",
+    "person": "ergoqp.people",
 }
 """Groups of entry points by kind of term."""
 

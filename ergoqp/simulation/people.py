@@ -1,32 +1,23 @@
-"""Simulated people for tests and benchmarks. They are never the controller's own model."""
+"""Kinds of people by name. They are never the controller's own model."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
 from ergoqp.arguments import shown
 from ergoqp.errors import InputError
+from ergoqp.registry import own_term, registered
+from ergoqp.rest.model_person import sample_person
 
 if TYPE_CHECKING:
     from ergoqp.human import Body
     from ergoqp.problem.problem import Problem
     from ergoqp.rest.person import Person
 
-_MAKERS: Final = {
-    "alike": "alike:sample_person",
-    "follower": "follower:draw",
-    "dead_zone": "dead_zone:draw",
-    "stubborn": "stubborn:draw",
-    "stepping": "stepping:draw",
-    "pushed": "pushed:draw",
-    "looking": "looking:draw",
-    "trembling": "trembling:draw",
-    "mass": "mass.person:draw",
-}
+KINDS: Final = ("alike", *registered("person"))
+"""Names of the kinds of people: like the model, and those that packages register.
 
-KINDS: Final = tuple(_MAKERS)
-"""Names of the kinds of people.
+``ergoqp.lab`` registers the others that ergoqp has.
 
 Example:
     >>> from ergoqp.simulation.people import KINDS
@@ -55,7 +46,7 @@ def person_of_kind(kind: str, problem: Problem, seed: int, body: Body | None = N
         >>> person_of_kind("stubborn", problem, seed=1).kind
         'stubborn'
     """
-    if kind not in _MAKERS:
+    if kind not in KINDS:
         raise InputError(f"follower: got {shown(kind)}, allowed one of {', '.join(KINDS)}")
-    module, maker = _MAKERS[kind].split(":")
-    return getattr(import_module(f"{__name__}.{module}"), maker)(problem, seed, body)
+    draw = sample_person if kind == "alike" else own_term("person", kind)
+    return draw(problem, seed, body)

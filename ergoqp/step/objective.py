@@ -144,8 +144,8 @@ def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     """``(H, g, way (4,), previous, dt) -> (H, g)`` of an object that is led out of a region.
 
     See `ergoqp.limits.keep_out`. Only its turning is left to the cost, or the object would leave
-    the straight way. Its speed is that of every return from outside. Where no way is needed, nothing
-    changes.
+    the straight way. Its speed is that of every return from outside. Where no way is needed,
+    nothing changes.
     """
     acceleration = problem.twist_limit.linear_acceleration
     names = ("H", "g", "way", "previous", "dt")

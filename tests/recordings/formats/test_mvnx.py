@@ -74,7 +74,7 @@ def test_blocks_are_as_the_whole(
 ) -> None:
     path = write(tmp_path / "a.mvnx", MVNX)
     whole = read(read_mvnx, path)
-    monkeypatch.setattr(mvnx_wearer, "_BLOCK", block)
+    monkeypatch.setattr(mvnx, "_BLOCK", block)
     told: list[float] = []
     motion = read_mvnx(path, told.append, mvnx.Asked())
     np.testing.assert_array_equal(motion.positions, whole.positions)
@@ -266,7 +266,7 @@ def test_places_that_are_no_file(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_frames_are_let_go_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mvnx_wearer, "_BLOCK", 100)
+    monkeypatch.setattr(mvnx, "_BLOCK", 100)
     monkeypatch.setattr(mvnx, "_CHUNK", 1 << 14)
     frames = "".join(map(mvnx_frame, range(3, 3003)))
     path = write(tmp_path / "a.mvnx", MVNX.replace("    </frames>", frames + "    </frames>"))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats import rows, text_lines
+from ergoqp.mocap.formats import text
 from ergoqp.mocap.formats.text import (
     Gathered,
     TextLines,
@@ -114,14 +114,14 @@ def test_a_mistake_is_told_with_its_line(content, separator: str | None, sentenc
 def test_blocks_are_as_the_whole(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
     content = "1,2,3\n\n4,,6\n7,8,nan\n,,\n1,2,3"
     whole = numbers(content)
-    monkeypatch.setattr(rows, "_BLOCK", block)
+    monkeypatch.setattr(text, "_BLOCK", block)
     np.testing.assert_array_equal(numbers(content), whole)
     with pytest.raises(RecordingError, match="line 7: got 'x'"):
         numbers(content + "\nx,2,3\n")
 
 
 def test_a_line_without_end_is_not_read_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(text_lines, "_LONGEST", 1 << 20)
+    monkeypatch.setattr(text, "_LONGEST", 1 << 20)
     lines = lines_of(b"1,2,3\n" + b"1," * (1 << 20) + b"1\n")
     with pytest.raises(RecordingError, match="line 2: got a line of more than 1 MB, allowed"):
         list(blocks(lines, ",", 3))
@@ -130,7 +130,7 @@ def test_a_line_without_end_is_not_read_whole(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.slow
 def test_rows_that_are_left_out_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rows, "_BEARABLE", 1_000_000)
+    monkeypatch.setattr(text, "_BEARABLE", 1_000_000)
     assert sum(map(len, blocks(lines_of("1\n" * 999), ",", 1000))) == 999
     assert sum(map(len, blocks(lines_of("1,2,3\n" * 400_000), ",", 3))) == 400_000
     sizes = map(np.size, blocks(lines_of("1\n" * 100_000), ",", 100_000))
@@ -139,7 +139,7 @@ def test_rows_that_are_left_out_do_not_fill_the_memory(monkeypatch: pytest.Monke
 
 
 def test_a_block_of_long_lines_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(text_lines, "_MOST", 100)
+    monkeypatch.setattr(text, "_MOST", 100)
     assert [len(block) for block in blocks(lines_of("1,2,3\n" * 40), ",", 3)] == [17, 17, 6]
 
 
