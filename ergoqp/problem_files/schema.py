@@ -118,7 +118,7 @@ class ResponseTable(Table):
 
 
 class SmoothRebaTable(Table):
-    """Keys of the smooth REBA score, see `ergoqp.costs.SmoothReba`."""
+    """Keys of the smooth REBA score, see `ergoqp.costs.smooth_reba.SmoothReba`."""
 
     taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
         1.5,

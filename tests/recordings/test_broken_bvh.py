@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ergoqp.mocap.bvh import parse
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ergoqp.errors import RecordingError
+from ergoqp.mocap.formats import bvh
 from ergoqp.mocap.formats.bvh import read_bvh
 
 
@@ -224,7 +224,7 @@ def test_blocks_are_as_the_whole(block: int, tmp_path: Path, monkeypatch: pytest
     text = small_file().replace(ROW, "0 1 0 0 0 0 9 8 7", 1)
     (tmp_path / "blocks.bvh").write_text(text)
     whole = read_bvh(tmp_path / "blocks.bvh").positions
-    monkeypatch.setattr(parse, "_BLOCK", block)
+    monkeypatch.setattr(bvh, "_BLOCK", block)
     np.testing.assert_array_equal(read_bvh(tmp_path / "blocks.bvh").positions, whole)
 
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.human import FRACTIONS, Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.mocap import shoulders
+from ergoqp.mocap import unseen
 from ergoqp.mocap.assemble import Reading, recording_of
 from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.recording import JointMotion
@@ -70,7 +70,7 @@ def test_elbows_tell_shoulders(sway: float, most: float):
 
 def test_an_average_person_would_not_do(monkeypatch: pytest.MonkeyPatch):
     found = elevation_off(*handled(60.0))
-    monkeypatch.setattr(shoulders, "_TRUST", 1e3)
+    monkeypatch.setattr(unseen, "_TRUST", 1e3)
     assert elevation_off(*handled(60.0)) > 1.5 * found
 
 

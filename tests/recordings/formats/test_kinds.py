@@ -16,7 +16,7 @@ from c3d_files import made
 from small_files import BODY, MOTIVE, MVNX, STORAGE, TABLE, TRC, write
 
 from ergoqp.errors import InputError, RecordingError
-from ergoqp.mocap.formats import kinds
+from ergoqp.mocap import readers
 from ergoqp.mocap.formats.text import Asked
 from ergoqp.mocap.readers import KINDS, READERS, Kind, kind_of, read_motion
 from ergoqp.progress import unseen
@@ -39,12 +39,12 @@ Frame Time: 0.1
 1 1 1
 """
 FILES: dict[str, tuple[Kind, bytes]] = {
-    "bvh": (kinds.BVH, BVH.encode()),
-    "c3d": (kinds.C3D, made()),
-    "trc": (kinds.TRC, TRC.encode()),
-    "storage": (kinds.STORAGE, STORAGE.encode()),
-    "mvnx": (kinds.MVNX, MVNX.encode()),
-    "motive": (kinds.MOTIVE, MOTIVE.encode()),
+    "bvh": (readers.BVH, BVH.encode()),
+    "c3d": (readers.C3D, made()),
+    "trc": (readers.TRC, TRC.encode()),
+    "storage": (readers.STORAGE, STORAGE.encode()),
+    "mvnx": (readers.MVNX, MVNX.encode()),
+    "motive": (readers.MOTIVE, MOTIVE.encode()),
 }
 """Files whose content tells what they are."""
 ENDINGS = sorted({ending for kind in KINDS for ending in kind.endings})
@@ -82,12 +82,12 @@ def test_what_stands_before_a_mark_does_not_count(name: str, begin: str, tmp_pat
 @pytest.mark.parametrize(
     ("content", "kind"),
     [
-        ('<?xml version="1.0"?>\n<!-- MVN -->\n<mvnx:mvnx xmlns:mvnx="a">', kinds.MVNX),
-        ("OpenSim\nversion=1\nEndHeader\r\ntime\ta\n", kinds.STORAGE),
-        ('"Format Version","1.23"\n', kinds.MOTIVE),
-        ("#ROSBAG V2.0\n", kinds.BAG),
-        (b"SQLite format 3\0" + bytes(100), kinds.BAG),
-        (b"\x89MCAP0\r\n" + bytes(100), kinds.BAG),
+        ('<?xml version="1.0"?>\n<!-- MVN -->\n<mvnx:mvnx xmlns:mvnx="a">', readers.MVNX),
+        ("OpenSim\nversion=1\nEndHeader\r\ntime\ta\n", readers.STORAGE),
+        ('"Format Version","1.23"\n', readers.MOTIVE),
+        ("#ROSBAG V2.0\n", readers.BAG),
+        (b"SQLite format 3\0" + bytes(100), readers.BAG),
+        (b"\x89MCAP0\r\n" + bytes(100), readers.BAG),
     ],
 )
 def test_marks(content: str | bytes, kind: Kind, tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_marks(content: str | bytes, kind: Kind, tmp_path: Path) -> None:
 def test_what_has_no_mark_is_what_its_ending_tells(ending: str, tmp_path: Path) -> None:
     kind = next(kind for kind in KINDS if ending in kind.endings)
     # A table may be of any program.
-    expected = kinds.TABLE if kind is kinds.MOTIVE else kind
+    expected = readers.TABLE if kind is readers.MOTIVE else kind
     for content in (TEXT, "", TABLE):
         assert kind_of(write(tmp_path / f"take{ending}", content)) is expected
     assert kind_of(tmp_path / f"missing{ending}") is kind
@@ -118,8 +118,8 @@ def test_what_has_no_mark_is_what_its_ending_tells(ending: str, tmp_path: Path) 
     ],
 )
 def test_a_text_without_any_mark_may_be_a_table(content: str, tmp_path: Path) -> None:
-    assert kind_of(write(tmp_path / "take.dat", content)) is kinds.TABLE
-    assert kind_of(write(tmp_path / "take", content)) is kinds.TABLE
+    assert kind_of(write(tmp_path / "take.dat", content)) is readers.TABLE
+    assert kind_of(write(tmp_path / "take", content)) is readers.TABLE
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_what_is_compressed_is_told(content: bytes, said: str, ending: str, tmp_
 def test_no_begin_takes_long_to_look_at(rows: str, tmp_path: Path) -> None:
     path = write(tmp_path / "take.csv", rows * ((1 << 17) // len(rows)))
     began = time.monotonic()
-    assert kind_of(path) is kinds.TABLE
+    assert kind_of(path) is readers.TABLE
     with pytest.raises(RecordingError):
         read_motion(path)
     assert time.monotonic() - began < 20  # it was minutes
@@ -198,7 +198,7 @@ def test_folders(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="is a folder, allowed the recording file itself, a"):
         read_motion(bodies)
     write(bodies / "a.csv", BODY)
-    assert kind_of(bodies) is kinds.BODIES
+    assert kind_of(bodies) is readers.BODIES
     assert "ending" not in " ".join(read_motion(bodies, asked=Asked(rate=10)).notes)
 
 
@@ -208,7 +208,7 @@ def test_bags(kind: str, tmp_path: Path) -> None:
     bag = ros_bags.Bag(tmp_path, kind)
     places = {i: [i, 0, 0] for i in range(3)}
     bag.write([(time, "/joints", bag.markers(time, places)) for time in (0.0, 0.1)])
-    assert kind_of(bag.path) is kinds.BAG
+    assert kind_of(bag.path) is readers.BAG
     # A bag that is a folder has no ending, and needs none.
     assert "ending" not in " ".join(read_motion(bag.path).notes)
 
