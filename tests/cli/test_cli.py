@@ -362,7 +362,7 @@ class TestFaults:
             raise ZeroDivisionError("a bug")
 
         monkeypatch.setattr("ergoqp.problem_files.load.load_problem", broken)
-        monkeypatch.setattr("ergoqp.cli.commands.run.load_person_problem", broken)
+        monkeypatch.setattr("ergoqp.cli.run.load_person_problem", broken)
 
     @pytest.mark.usefixtures("fault")
     def test_short(self, ergoqp, monkeypatch):
@@ -385,7 +385,7 @@ class TestFaults:
         def stop(*_, **__):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("ergoqp.cli.commands.run.load_person_problem", stop)
+        monkeypatch.setattr("ergoqp.cli.run.load_person_problem", stop)
         assert ergoqp("run", "screwing").status == 130
 
 

@@ -5,7 +5,7 @@ import sys
 import pytest
 from command_line import mistake
 
-from ergoqp.cli.commands import screen
+from ergoqp.cli import common as screen
 
 
 @pytest.mark.slow

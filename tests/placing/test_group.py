@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ergoqp.cli.commands.population import COLUMNS
+from ergoqp.cli.population import COLUMNS
 from ergoqp.errors import InputError
 from ergoqp.lab.group import best_for_group
 from ergoqp.lab.group_search import (

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from ergoqp import JOINTS, load_problem
-from ergoqp.cli.commands.optimise import optimum_table
+from ergoqp.cli.optimise import optimum_table
 from ergoqp.errors import InputError
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.problem.geometry import turn_about

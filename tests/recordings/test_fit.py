@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from benchmarks.made_motions import SHOULDERS
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.mocap.fitting import posture
+from ergoqp.mocap.fitting import posture as fitting
 from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.fitting.posture import fit, steady
 from ergoqp.mocap.naming import CENTRES
@@ -121,7 +121,7 @@ def test_blocks_are_as_the_whole(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     where["right_elbow"][100:110] = np.nan
     time = np.arange(720) / 40
     whole = fit(BODY, where, time)
-    monkeypatch.setattr(posture, "_BLOCK", 97)
+    monkeypatch.setattr(fitting, "_BLOCK", 97)
     parts = fit(BODY, where, time)
     np.testing.assert_allclose(parts.postures, whole.postures, atol=np.radians(0.05))
     np.testing.assert_allclose(parts.error, whole.error, atol=1e-4)
@@ -135,7 +135,7 @@ def test_an_arm_that_is_held_up_goes_on_in_the_next_block(monkeypatch: pytest.Mo
     raised = moved(SHOULDERS["raised sideways"], 30.0)[:75]
     held = np.concatenate([raised, np.repeat(raised[-1:], 800, axis=0)])
     where = centres_of(BODY, np.tile([0.0, 0, 0.9, 0], (875, 1)), held)
-    monkeypatch.setattr(posture, "_BLOCK", 97)
+    monkeypatch.setattr(fitting, "_BLOCK", 97)
     found = fit(BODY, where, np.arange(875) / 40).postures
     assert np.degrees(raised[-1, SHOULDER[1]]) > 110
     np.testing.assert_allclose(found[100:, SHOULDER], held[100:, SHOULDER], atol=np.radians(2))
@@ -148,8 +148,8 @@ def test_an_arm_that_is_lost_where_a_block_begins_forces_nothing(
     raised = moved([(10, 10, 0), (10, 130, 85)], 90.0, 100)
     truth = np.concatenate([raised, np.repeat(raised[-1:], 500, axis=0)])
     where = centres_of(BODY, np.tile([0.0, 0, 0.9, 0], (600, 1)), truth)
-    monkeypatch.setattr(posture, "_BLOCK", 300)
-    lost = int(np.searchsorted(time, time[300] - posture._AROUND))
+    monkeypatch.setattr(fitting, "_BLOCK", 300)
+    lost = int(np.searchsorted(time, time[300] - fitting._AROUND))
     where["right_elbow"][lost - 3 : lost + 3] = np.nan
     found = fit(BODY, where, time).postures
     off = np.degrees(np.abs(found - truth))[:, SHOULDER[0]]

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import cast, get_args
+from typing import Annotated, cast, get_args
 
 import numpy as np
+import typer
 from rich.console import Group as Stack
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import MOST_WHOLE, check_whole
-from ergoqp.cli.commands.common import (
+from ergoqp.cli.common import (
+    console,
     counted,
     load_person_problem,
     make_folder,
+    print_assumptions,
+    working,
     write_report,
     writing,
 )
-from ergoqp.cli.commands.population import numbers_of
-from ergoqp.cli.commands.screen import console, print_assumptions, working
+from ergoqp.cli.options import Jobs, ProblemName, Starts, out_option
+from ergoqp.cli.population import numbers_of
 from ergoqp.errors import InputError
 from ergoqp.lab.group import MOST_STARTS, GroupOptimum, best_for_group
 from ergoqp.lab.group_search import GroupPerson, Objective, drawn_people, read_people
@@ -28,35 +32,53 @@ from ergoqp.lab.population import variant
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 
+ABOUT = """Find the one fixed place of the object that is best for several people.
+
+Prints how much worse it is than everybody's own best place and what an adjustable place would
+save. Writes group.json, group.npz and report.html.
+
+\b
+Examples:
+  ergoqp group desk --people 1.55,1.65,1.75,1.85      people of these statures
+  ergoqp group desk --people 12 --seed 3              twelve random people
+  ergoqp group overhead --people 1.6,1.9 --objective mean --hands both --load-kg 2
+"""
+
 FREE = {"none": "nothing", "x": "distance", "y": "side", "z": "height", "tilt": "tilt"}
 """Names of the axes of a grid in tables."""
 
 
-def group(
-    problem_name: str,
-    people: str,
-    objective: str,
-    out: Path | None,
-    *,
-    hands: str | None,
-    load_kg: float | None,
-    starts: int,
-    seed: int,
-    jobs: int,
+def command(
+    name: ProblemName,
+    people: Annotated[
+        str,
+        typer.Option(
+            "--people",
+            metavar="M,...|N",
+            help="Statures in metres, or the number of people to draw.",
+            show_default=False,
+        ),
+    ],
+    objective: Annotated[
+        str,
+        typer.Option("--objective", metavar="NAME", help="minimax or mean of the exact scores."),
+    ] = "minimax",
+    hands: Annotated[
+        str | None,
+        typer.Option("--hands", metavar="NAME", help="right, left or both [the problem's]."),
+    ] = None,
+    load_kg: Annotated[
+        float | None,
+        typer.Option("--load-kg", metavar="KG", help="Mass of the tool [the problem's]."),
+    ] = None,
+    starts: Starts = 4,
+    jobs: Jobs = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Seed of the first person that is drawn.")
+    ] = 0,
+    out: Annotated[Path | None, out_option("group-PROBLEM")] = None,
 ) -> None:
     """Find the place, print the tables; write ``group.json``, ``group.npz``, ``report.html``.
-
-    Args:
-        problem_name: name or path of the problem.
-        people: statures [m] separated by commas, or a whole number of people to draw with
-            seeds from `seed` on.
-        objective: ``"minimax"`` or ``"mean"``.
-        out: folder of the results.
-        hands: right, left or both; None: as in the problem.
-        load_kg: mass of the tool [kg]; None: as in the problem.
-        starts: number of places of the grid from which the search continues.
-        seed: seed of the people who are drawn.
-        jobs: number of processes.
 
     Raises:
         ErgoqpError: if an argument cannot be used.
@@ -65,13 +87,13 @@ def group(
         raise InputError(
             f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
         )
-    for name, number, least, most in (
+    for option, number, least, most in (
         ("starts", starts, 1, MOST_STARTS),
         ("seed", seed, 0, MOST_WHOLE),
         ("jobs", jobs, 1, MOST_WHOLE),
     ):
-        check_whole(name, number, least, most)
-    problem = variant(load_person_problem(problem_name), hands=hands, load_kg=load_kg)
+        check_whole(option, number, least, most)
+    problem = variant(load_person_problem(name), hands=hands, load_kg=load_kg)
     crew = _people(problem, people, seed)
     folder = make_folder(out, f"group-{problem.name}")
     with working(f"one place for {counted(len(crew), 'person', 'people')}") as done:

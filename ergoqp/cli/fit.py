@@ -1,30 +1,48 @@
-"""``ergoqp fit``: learn a cost from data, test it on unseen data, and save it."""
+"""``ergoqp fit``: learn a cost or a boundary from data, test it on unseen data, and save it."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+from functools import partial
 from importlib import import_module
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole
-from ergoqp.cli.commands.common import make_folder, writing
-from ergoqp.cli.commands.screen import console, working
+from ergoqp.cli.common import console, make_folder, working, writing
+from ergoqp.cli.options import out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.load import KINDS, Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.datasets.data import DataSet, read_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
 from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.learning.one_class import OneClass
 from ergoqp.progress import part_of
 from ergoqp.report.charts.over_time import prediction_picture
+
+ABOUT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.
+
+Prints a table and writes COST.npz (for [cost.learned] in a problem file, or ergoqp.load_cost) and
+COST.png.
+
+\b
+Examples:
+  ergoqp fit svr                                     10 000 random postures, scored by the sheet
+  ergoqp fit gmr --set components=30 --folds 3
+  ergoqp fit svr --data forearm                      elbow and wrist of the right arm
+  ergoqp fit quadratic --data my_postures.csv        columns trunk_flexion_deg ..., score
+  ergoqp fit boundary --joints scored                for [limits.one_class_boundary]
+"""
 
 FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
 """Kinds of costs that the command can fit. `from_sklearn` is for estimators fitted elsewhere."""
@@ -36,6 +54,65 @@ _OWN: Final = ("quadratic", "neural")
 """Kinds with a fit that is part of the package and needs nothing else."""
 
 _GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
+
+
+class Joints(StrEnum):
+    """The joints of drawn postures."""
+
+    report = "report"
+    scored = "scored"
+
+
+def command(
+    cost: Annotated[
+        str,
+        typer.Argument(
+            metavar="COST",
+            help="quadratic, gmr, svr, one_class_ladder, neural; or boundary.",
+            show_default=False,
+        ),
+    ],
+    data: Annotated[
+        str,
+        typer.Option(
+            "--data",
+            metavar="NAME|FILE",
+            help="sheet, interval, forearm, or a CSV file of your own.",
+        ),
+    ] = "sheet",
+    joints: Annotated[
+        Joints,
+        typer.Option(
+            "--joints", help="The 20 joints of the EPFL report, or all 22 that the sheet reads."
+        ),
+    ] = Joints.report,
+    per_score: Annotated[
+        int,
+        typer.Option(
+            "--per-score", metavar="N", help="Postures of each score, where data are drawn."
+        ),
+    ] = 1000,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Seed of data, folds and fit.")
+    ] = 0,
+    folds: Annotated[
+        int, typer.Option("--folds", metavar="N", help="Folds of the cross-validation.")
+    ] = 5,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="An option of the cost's own fit; may be repeated."
+        ),
+    ] = None,
+    out: Annotated[Path | None, out_option("fit-COST")] = None,
+) -> None:
+    """Fit a cost or a boundary.
+
+    Raises:
+        ErgoqpError: if an argument cannot be used.
+    """
+    learn = fit_boundary if cost == "boundary" else partial(fit, cost)
+    learn(data, joints.value, per_score, seed, folds, settings or [], out)
 
 
 def fit(
@@ -220,3 +297,52 @@ def _table(
             f"{found.worst:.2f}",
         )
     return table
+
+
+def fit_boundary(
+    source: str,
+    joints: str,
+    per_score: int,
+    seed: int,
+    folds: int,
+    settings: Sequence[str],
+    out: Path | None,
+) -> None:
+    """Fit a one-class SVM, print how many unseen points are inside, and write the model.
+
+    Args:
+        source: as for `fit`.
+        joints: likewise.
+        per_score: likewise.
+        seed: seed of data and folds.
+        folds: number of folds of the cross-validation, at least 2.
+        settings: ``name=value`` of `OneClass.fit`.
+        out: folder of the results.
+
+    Raises:
+        ErgoqpError: if an argument cannot be used.
+    """
+    check_extra("sklearn")
+    options = read_settings(OneClass.fit, settings)
+    with working("data") as done:
+        data = load_data(source, joints, per_score, seed, folds, done)
+    screen = console()
+    screen.print(Text(f"{len(data)} points of {len(data.coordinates)} coordinates: {data.source}"))
+    fold = np.random.default_rng(seed).permutation(len(data)) % folds
+    inside = []
+    with working(f"cross-validation, {folds} folds") as done:
+        for number in range(folds):
+            model = OneClass.fit(data.points[fold != number], data.coordinates, **options)
+            inside.append(float((model.margin(data.points[fold == number]) >= 0).mean()))
+            done((number + 1) / folds)
+    model = OneClass.fit(data.points, data.coordinates, **options)
+    table = Table(title="boundary: points inside", title_justify="left")
+    table.add_column("")
+    table.add_column("inside", justify="right")
+    table.add_row("points it was fitted to", f"{(model.margin(data.points) >= 0).mean():.1%}")
+    table.add_row("unseen points", f"{np.mean(inside):.1%} ± {np.std(inside):.1%}")
+    path = make_folder(out, "fit-boundary") / "boundary.npz"
+    model.save(path)
+    screen.print(table)
+    screen.print(Text(f"{len(model.weights)} kernels, {path.stat().st_size / 1e3:.0f} kB"))
+    screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.text import Text
 
-from ergoqp.cli.commands.common import writing
-from ergoqp.cli.commands.guide import guide_named
-from ergoqp.cli.commands.screen import console, working
+from ergoqp.cli.common import console, working, writing
+from ergoqp.cli.options import AnyProblem, Guide, folder_of
+from ergoqp.cli.run import guide_named
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
@@ -18,14 +20,40 @@ from ergoqp.responses import IkResponse
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import Alike
 
+ABOUT = """Write the control step of a problem as C99.
 
-def export(problem_name: str, out: Path, dt: float | None, guide: str | None = None) -> None:
+The folder holds sources, header, CMake file, the QP solver's library and examples.
+
+\b
+Examples:
+  ergoqp export screwing --out step
+  cmake -S step -B step/build && cmake --build step/build && step/build/main
+"""
+
+
+def command(
+    name: AnyProblem,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            parser=folder_of,
+            help="Folder for the sources.",
+            show_default=False,
+        ),
+    ],
+    dt: Annotated[
+        float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")
+    ] = None,
+    guide: Guide = None,
+) -> None:
     """Write the folder and print what to do with it.
 
     Raises:
         ErgoqpError: if an argument cannot be used, or there is no C compiler.
     """
-    problem = load_problem(problem_name)
+    problem = load_problem(name)
     if dt is not None:
         if not 1e-4 <= dt <= 0.1:
             raise InputError(f"--dt: got {dt:g} s, allowed 0.0001 to 0.1 s")

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.cli.commands.common import (
-    RecordingOptions,
-    SearchOptions,
+from ergoqp.cli.common import (
+    console,
     counted,
     load_person_problem,
     make_folder,
+    print_assumptions,
+    working,
     write_report,
     writing,
 )
-from ergoqp.cli.commands.run import frame_of_recording
-from ergoqp.cli.commands.screen import console, print_assumptions, working
-from ergoqp.errors import InputError
+from ergoqp.cli.options import At, ProblemName, ReadOptions, SearchOptions, grouped, out_option
+from ergoqp.cli.run import frame_of_recording
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
 from ergoqp.placing.optimise import optimise
@@ -30,35 +32,47 @@ from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.report.page import plain
 from ergoqp.sheets.reba import ACTION_LEVELS
 
+ABOUT = """Find the best place of the object for one person, offline.
+
+Prints a table and writes optimum.json and report.html. The bound is what would be possible if the
+person also chose the posture. Finished starts are kept: the same command continues a killed run.
+
+\b
+Examples:
+  ergoqp optimise screwing
+  ergoqp optimise screwing --from take.bvh --jobs 2   for the person of a recording
+  ergoqp optimise my_task.toml --starts 200 --scheduler tcp://10.0.0.5:8786
+"""
+
 NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture chosen too"}
 """Names of the modes in the table."""
 
 
-def optimise_command(
-    problem_name: str,
-    recording_path: Path | None,
-    at: float | None,
-    out: Path | None,
-    options: RecordingOptions,
+@grouped(search=SearchOptions, read=ReadOptions)
+def command(
+    name: ProblemName,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="RECORDING", help="Start with posture and person of a recording."
+        ),
+    ] = None,
+    at: At = None,
+    out: Annotated[Path | None, out_option("optimise-PROBLEM")] = None,
+    *,
     search: SearchOptions,
+    read: ReadOptions,
 ) -> None:
     """Find the best place, print the table, and write ``optimum.json`` and the page.
 
-    Args:
-        problem_name: name or path of the problem.
-        recording_path: recording that the posture comes from, None: an awkward place.
-        at: time in the recording [s], None: its worst-scored frame.
-        out: folder of the results. Finished starts are kept there, and a run that was killed
-            continues from them.
-        options: how to read the recording.
-        search: how to search for the place.
+    Finished starts are kept in `out`, and a run that was killed continues from them.
 
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
-    problem = load_person_problem(problem_name)
+    problem = load_person_problem(name)
     search.check()
-    posture, person, notes = _who(problem, recording_path, at, options)
+    posture, person, notes = _who(problem, recording, at, read)
     folder = make_folder(out, f"optimise-{problem.name}")
 
     def found_by(search: SearchOptions) -> Optimum:
@@ -94,20 +108,18 @@ def optimise_command(
 
 
 def _who(
-    problem: Problem, recording_path: Path | None, at: float | None, options: RecordingOptions
+    problem: Problem, recording_path: Path | None, at: float | None, read: ReadOptions
 ) -> tuple[np.ndarray | None, Body | None, list[str]]:
     """Return the posture, the body of the person, and the assumptions."""
     if recording_path is None:
-        options.refuse_without_recording()
-        if at is not None:
-            raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        read.refuse_without_recording(at)
         return (
             None,
-            None if options.person_value is None else given_person(options.person_value),
+            None if read.person_value is None else given_person(read.person_value),
             [],
         )
     with working(f"reading {recording_path.name}"):
-        recording = options.load(recording_path)
+        recording = read.load(recording_path)
     frame = frame_of_recording(problem, recording, at)
     time = float(recording.time[frame])
     which = "the worst-scored frame" if at is None else "frame"

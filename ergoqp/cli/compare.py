@@ -3,32 +3,49 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.cli.commands.common import make_folder, writing
-from ergoqp.cli.commands.screen import console, working
+from ergoqp.cli.common import console, make_folder, working, writing
+from ergoqp.cli.options import AnyProblem, out_option
 from ergoqp.comparison.compare import Comparison, check, compare
 from ergoqp.errors import MissingExtraError, install_command
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.session import TOLERANCES, tidy
 
+ABOUT = """Compare QP solvers on the QPs of a problem's control steps.
 
-def run_compare(
-    problem_name: str, solvers: str | None, steps: int, seed: int, accuracy: float, out: Path | None
+Records closed loops, derives harder QPs and checks every answer independently. Prints tables and
+writes compare.json, compare.png and the QPs as a test set for qpbenchmark.
+
+\b
+Examples:
+  ergoqp compare screwing
+  ergoqp compare low_bin --solvers daqp,piqp --steps 1000
+"""
+
+
+def command(
+    name: AnyProblem,
+    solvers: Annotated[
+        str | None,
+        typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed]."),
+    ] = None,
+    steps: Annotated[
+        int, typer.Option("--steps", metavar="N", help="Control steps to record.")
+    ] = 300,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of the closed loops.")] = 0,
+    accuracy: Annotated[
+        float, typer.Option("--accuracy", metavar="A", help="Accuracy that the solvers are set to.")
+    ] = 1e-6,
+    out: Annotated[Path | None, out_option("compare-PROBLEM")] = None,
 ) -> None:
     """Record, solve, print the tables; write ``compare.json``, ``compare.png`` and the sequences.
-
-    Args:
-        problem_name: name or path of the problem.
-        solvers: names separated by commas; None: all that are installed.
-        steps: number of control steps to record.
-        seed: seed of the closed loops.
-        accuracy: accuracy that the solvers are set to.
-        out: folder of the results.
 
     Raises:
         ErgoqpError: if an argument cannot be used.
@@ -37,7 +54,7 @@ def run_compare(
         None if solvers is None else [name.strip() for name in solvers.split(",") if name.strip()]
     )
     check(names, steps, seed, accuracy)
-    problem = load_problem(problem_name)
+    problem = load_problem(name)
     screen = console()
     with working(f"recording {steps} steps and solving their QPs") as done:
         found = compare(problem, names, steps, seed, accuracy=accuracy, progress=done)

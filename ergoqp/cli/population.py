@@ -6,22 +6,37 @@ import csv
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.cli.commands.common import (
-    SearchOptions,
+from ergoqp.cli.common import (
+    console,
     counted,
     load_person_problem,
     make_folder,
+    print_assumptions,
+    working,
     writing,
 )
-from ergoqp.cli.commands.screen import console, print_assumptions, working
+from ergoqp.cli.options import ProblemName, SearchOptions, grouped, out_option
 from ergoqp.errors import InputError
 from ergoqp.files.atomic import whole
 from ergoqp.lab.population import Found, best_of_population, population
 from ergoqp.report.page import plain
+
+ABOUT = """Find everybody's own best place, over statures, hands and loads.
+
+Prints a row for each person and writes population.csv. Finished starts are kept: the same command
+continues a killed study.
+
+\b
+Examples:
+  ergoqp population screwing --statures 1.5,1.7,1.9
+  ergoqp population screwing --statures 1.5,1.7,1.9 --hands right,both --loads-kg 0.5,6
+"""
 
 COLUMNS = (
     "person",
@@ -38,30 +53,33 @@ COLUMNS = (
 """Columns of ``population.csv``. The cells of a person without a place are empty."""
 
 
-def population_study(
-    problem_name: str,
-    statures: str,
-    out: Path | None,
+@grouped(search=SearchOptions)
+def command(
+    name: ProblemName,
+    statures: Annotated[
+        str,
+        typer.Option("--statures", metavar="M,...", help="Statures in metres.", show_default=False),
+    ],
+    hands: Annotated[
+        str | None,
+        typer.Option("--hands", metavar="NAME,...", help="right, left, both [the problem's]."),
+    ] = None,
+    loads_kg: Annotated[
+        str | None,
+        typer.Option("--loads-kg", metavar="KG,...", help="Masses of the tool [the problem's]."),
+    ] = None,
+    out: Annotated[Path | None, out_option("population-PROBLEM")] = None,
     *,
-    hands: str | None = None,
-    loads_kg: str | None = None,
     search: SearchOptions,
 ) -> None:
     """Find the best place of each person, print the table and write ``population.csv``.
 
-    Args:
-        problem_name: name or path of the problem.
-        statures: statures [m], separated by commas.
-        out: folder of the results. Finished starts are kept there, and a study that was killed
-            continues from them.
-        hands: right, left, both, separated by commas; None: as in the problem.
-        loads_kg: masses of the tool [kg], separated by commas; None: as in the problem.
-        search: how to search for the places.
+    Finished starts are kept in `out`, and a study that was killed continues from them.
 
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
-    problem = load_person_problem(problem_name)
+    problem = load_person_problem(name)
     search.check()
     loads = None if loads_kg is None else numbers_of("--loads-kg", loads_kg, "kilograms")
     sides = None if hands is None else [side.strip() for side in hands.split(",")]

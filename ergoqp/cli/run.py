@@ -6,26 +6,33 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.text import Text
 
-from ergoqp.cli.commands.common import (
-    RecordingOptions,
+from ergoqp.cli.common import (
+    console,
     load_person_problem,
     make_folder,
+    print_assumptions,
+    working,
     write_report,
     writing,
 )
-from ergoqp.cli.commands.guide import guide_named, places_to_try
-from ergoqp.cli.commands.screen import console, print_assumptions, working
+from ergoqp.cli.options import At, ProblemName, ReadOptions, grouped, out_option
+from ergoqp.cli.options import Guide as GuideName
 from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
+from ergoqp.lab.baselines import rule_pose
+from ergoqp.lab.population import person_of
 from ergoqp.mocap import Recording
 from ergoqp.mocap.recorded import as_recorded
+from ergoqp.placing.optimise import optimise
+from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.messages import nearest_first
 from ergoqp.report.run_page import write_run_page
@@ -39,26 +46,68 @@ from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.step.guide import Guide
+from ergoqp.step.guide import Guide, read_guide
+
+ABOUT = """Run the closed loop of a problem with a simulated person who follows the object.
+
+Prints a table and writes report.html, run.json and run.npz.
+
+\b
+Examples:
+  ergoqp run screwing                                at an awkward place, drawn with the seed
+  ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
+  ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
+  ergoqp run overhead --guide best                   with the best place as a guide
+  ergoqp run screwing --seek --duration 60           tries places, ends at the best one
+  ergoqp run screwing --follower looking             with a person who watches the work
+  ergoqp run screwing --robot lag=0.1                with an undeclared lag of the robot
+  ergoqp run screwing --bias-deg right_knee_flexion=-4   with a wrong knee angle
+"""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """Robot, sensors and person of the simulation, as given on the command line.
+    """Robot, sensors and person of the simulation."""
 
-    Attributes:
-        robot: ``NAME=VALUE,...`` of `ergoqp.simulation.robot.RobotKind`; None: as declared.
-        bias_deg: ``JOINT=DEG,...``; None: the sensors of the person.
-        follower: kind of the person who follows.
-        seek: whether the loop tries places.
-        as_seen: whether the controller sees only the joints that the recording shows.
-    """
-
-    robot: str | None = None
-    bias_deg: str | None = None
-    follower: str = "alike"
-    seek: bool = False
-    as_seen: bool = False
+    seek: Annotated[
+        bool,
+        typer.Option(
+            "--seek",
+            help="Try several places and end at the one with the lowest measured score; takes up to"
+            " 60 s.",
+        ),
+    ] = False
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot",
+            metavar="NAME=VALUE,...",
+            help="Errors of the simulated robot, such as lag=0.1,gain=1.02 [as declared].",
+        ),
+    ] = None
+    bias_deg: Annotated[
+        str | None,
+        typer.Option(
+            "--bias-deg",
+            metavar="JOINT=DEG,...",
+            help="Constant errors of measured angles, such as right_knee_flexion=5 [none].",
+        ),
+    ] = None
+    as_seen: Annotated[
+        bool,
+        typer.Option(
+            "--as-seen", help="The controller sees only the joints that the recording determines."
+        ),
+    ] = False
+    follower: Annotated[
+        str,
+        typer.Option(
+            "--follower",
+            metavar="KIND",
+            help="Kind of person: alike (like the controller's model), follower, dead_zone,"
+            " stubborn, stepping, pushed, looking, trembling or mass.",
+        ),
+    ] = "alike"
 
     def check(self) -> None:
         """Check the options, before anything is computed.
@@ -85,6 +134,88 @@ class Simulated:
         return terms
 
 
+@grouped(read=ReadOptions, simulated=Simulated)
+def command(
+    name: ProblemName,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="RECORDING",
+            help="Start in a posture of a recording, with its person's body.",
+        ),
+    ] = None,
+    at: At = None,
+    out: Annotated[Path | None, out_option("PROBLEM")] = None,
+    seed: Annotated[
+        int,
+        typer.Option("--seed", metavar="N", help="Seed of the person, the noise and the start."),
+    ] = 0,
+    duration: Annotated[
+        float, typer.Option("--duration", metavar="SECONDS", help="Duration of the run.")
+    ] = 20.0,
+    *,
+    read: ReadOptions,
+    guide: GuideName = None,
+    simulated: Simulated,
+) -> None:
+    """Run the closed loop, print the table, write ``run.json``, ``run.npz`` and ``report.html``.
+
+    Raises:
+        ErgoqpError: if an argument cannot be used.
+    """
+    problem = load_person_problem(name)
+    simulated.check()
+    check_numbers(problem, duration, seed)
+    if simulated.seek and guide is not None:
+        raise InputError("--seek: got it beside --guide, allowed one of the two")
+    screen = console()
+    if recording is None:
+        read.refuse_without_recording(at)
+        if simulated.as_seen:
+            raise InputError("--as-seen: got it, but there is no recording; name one with --from")
+        places = places_to_try(problem) if simulated.seek else None
+        place = None if guide is None else guide_named(problem, guide)
+        folder = make_folder(out, problem.name)
+        result = _from_awkward_place(
+            problem, screen, seed, duration, read, place, simulated, places
+        )
+    else:
+        with working(f"reading {recording.name}"):
+            taken = read.load(recording)
+        frame = frame_of_recording(problem, taken, at)
+        which = "the worst-scored frame" if at is None else "frame"
+        screen.print(
+            Text(
+                f"starts at {which}, {frame} of 0 to {len(taken.time) - 1}, at"
+                f" {taken.time[frame]:.2f} s:"
+                f" {_score(problem, taken.postures[frame])}"
+            )
+        )
+        problem, posture, notes = as_recorded(problem, taken, frame)
+        places = places_to_try(problem) if simulated.seek else None
+        place = None if guide is None else guide_named(problem, guide)
+        folder = make_folder(out, problem.name)
+        result = _from_recording(
+            problem,
+            taken,
+            recording.name,
+            frame,
+            posture,
+            notes,
+            seed,
+            duration,
+            place,
+            simulated,
+            places,
+        )
+    with writing(folder):
+        result.save(folder)
+    print_assumptions(screen, result.assumptions)
+    screen.print(run_table(result))
+    write_report(screen, folder, ("run.json", "run.npz"), lambda path: write_run_page(result, path))
+
+
 def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
     pairs: dict[str, float] = {}
     for part in text.split(","):
@@ -102,86 +233,17 @@ def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
     return pairs
 
 
-def run(
-    problem_name: str,
-    recording_path: Path | None,
-    at: float | None,
-    out: Path | None,
-    seed: int,
-    duration: float,
-    options: RecordingOptions,
-    guide: str | None = None,
-    simulated: Simulated | None = None,
-) -> None:
-    """Run the closed loop, print the table, write ``run.json``, ``run.npz`` and ``report.html``.
-
-    Raises:
-        ErgoqpError: if an argument cannot be used.
-    """
-    problem = load_person_problem(problem_name)
-    how = simulated or Simulated()
-    how.check()
-    check_numbers(problem, duration, seed)
-    if how.seek and guide is not None:
-        raise InputError("--seek: got it beside --guide, allowed one of the two")
-    screen = console()
-    if recording_path is None:
-        options.refuse_without_recording()
-        if at is not None:
-            raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
-        if how.as_seen:
-            raise InputError("--as-seen: got it, but there is no recording; name one with --from")
-        places = places_to_try(problem) if how.seek else None
-        place = None if guide is None else guide_named(problem, guide)
-        folder = make_folder(out, problem.name)
-        result = _from_awkward_place(problem, screen, seed, duration, options, place, how, places)
-    else:
-        with working(f"reading {recording_path.name}"):
-            recording = options.load(recording_path)
-        frame = frame_of_recording(problem, recording, at)
-        which = "the worst-scored frame" if at is None else "frame"
-        screen.print(
-            Text(
-                f"starts at {which}, {frame} of 0 to {len(recording.time) - 1}, at"
-                f" {recording.time[frame]:.2f} s:"
-                f" {_score(problem, recording.postures[frame])}"
-            )
-        )
-        problem, posture, notes = as_recorded(problem, recording, frame)
-        places = places_to_try(problem) if how.seek else None
-        place = None if guide is None else guide_named(problem, guide)
-        folder = make_folder(out, problem.name)
-        result = _from_recording(
-            problem,
-            recording,
-            recording_path.name,
-            frame,
-            posture,
-            notes,
-            seed,
-            duration,
-            place,
-            how,
-            places,
-        )
-    with writing(folder):
-        result.save(folder)
-    print_assumptions(screen, result.assumptions)
-    screen.print(run_table(result))
-    write_report(screen, folder, ("run.json", "run.npz"), lambda path: write_run_page(result, path))
-
-
 def _from_awkward_place(
     problem: Problem,
     screen: Console,
     seed: int,
     duration: float,
-    options: RecordingOptions,
+    read: ReadOptions,
     guide: Guide | None,
     how: Simulated,
     places: list[Place] | None,
 ) -> Run:
-    body = None if options.person_value is None else given_person(options.person_value)
+    body = None if read.person_value is None else given_person(read.person_value)
     with working("looking for an awkward place"):
         person = person_of_kind(how.follower, problem, seed, body)
         place, posture = awkward_place(problem, person, seed)
@@ -284,3 +346,36 @@ def frame_of_recording(problem: Problem, recording: Recording, at: float | None)
 def _score(problem: Problem, posture: np.ndarray) -> str:
     assessment = problem.assess(posture)
     return f"REBA {assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"
+
+
+def places_to_try(problem: Problem) -> list[Place]:
+    """Return the places that ``--seek`` tries after descent: the model's best, and the rule's."""
+    with working("looking for the model's best place") as done:
+        best = optimise(problem, person_of(problem).comfort, progress=done)
+    rule = rule_pose(problem, person_of(problem).body)
+    return [Place("the model's best", best.pose), Place("elbow height, 0.40 m ahead", rule)]
+
+
+def guide_named(problem: Problem, name: str) -> Guide:
+    """Return the place that ``--guide`` names.
+
+    Args:
+        problem: the task.
+        name: ``best``: the place is searched for the controller's model of the person; else
+            the path of an ``optimum.json``.
+
+    Raises:
+        InputError: if the file does not exist, it is of another problem, or the place cannot
+            be used.
+    """
+    if name == "best":
+        with working("looking for the best place") as done:
+            return read_guide(problem, optimise(problem, person_of(problem).comfort, progress=done))
+    path, allowed = Path(name), "allowed best or an optimum.json of `ergoqp optimise`"
+    if not path.exists():
+        raise InputError(f"--guide: {name!r} is not there, {allowed}")
+    try:
+        found = Optimum.load(path)
+    except InputError:
+        raise InputError(f"--guide: {name!r} cannot be read as an optimum, {allowed}") from None
+    return read_guide(problem, found)

@@ -1,0 +1,313 @@
+"""Arguments and options that several commands share, each stated once."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from ergoqp.arguments import check_whole
+from ergoqp.errors import InputError
+from ergoqp.mocap import Recording, load_recording
+from ergoqp.placing.program import check_names
+
+
+class Up(StrEnum):
+    """Possible vertical axes of a recording."""
+
+    x = "x"
+    y = "y"
+    z = "z"
+    minus_x = "-x"
+    minus_y = "-y"
+    minus_z = "-z"
+
+
+ProblemName = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROBLEM",
+        help=(
+            "dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML"
+            " file."
+        ),
+        show_default=False,
+    ),
+]
+AnyProblem = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROBLEM",
+        help="A name, as for run, or forearm, or the path of a TOML file.",
+        show_default=False,
+    ),
+]
+At = Annotated[
+    float | None,
+    typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame]."),
+]
+Guide = Annotated[
+    str | None,
+    typer.Option(
+        "--guide",
+        metavar="best|FILE",
+        help="A place for the object to go to: best (searched first) or an optimum.json [none].",
+    ),
+]
+Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Number of processes.")]
+Starts = Annotated[int, typer.Option("--starts", metavar="N", help="Number of starts.")]
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a recording."""
+
+    person: Annotated[
+        str | None,
+        typer.Option(
+            "--person",
+            metavar="M|FILE",
+            help="Stature in metres, or a person file (TOML) [measured in the recording].",
+        ),
+    ] = None
+    unit_to_m: Annotated[
+        float | None,
+        typer.Option(
+            "--unit-to-m",
+            metavar="M",
+            help="Size of the recording's unit of length in metres [found].",
+        ),
+    ] = None
+    up: Annotated[
+        Up | None,
+        typer.Option("--up", help="The recording's vertical axis [found].", show_default=False),
+    ] = None
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            "--mapping",
+            metavar="FILE",
+            help="TOML file that names the recording's joints or markers [known namings].",
+        ),
+    ] = None
+    neutral: Annotated[
+        str | None,
+        typer.Option(
+            "--neutral",
+            metavar="SECONDS|FILE|vertical",
+            help="When the person stands straight, or another recording in which they do;"
+            " vertical: the trunk is measured to the vertical [found].",
+        ),
+    ] = None
+    window: Annotated[
+        str | None,
+        typer.Option("--window", metavar="FROM:TO", help="Seconds of the recording to read [all]."),
+    ] = None
+    subject: Annotated[
+        str | None,
+        typer.Option(
+            "--subject",
+            metavar="NAME",
+            help="Whose posture, where there are several people [the only one].",
+        ),
+    ] = None
+    thing: Annotated[
+        str | None,
+        typer.Option(
+            "--thing", metavar="NAME", help="The object that is held, where there are several."
+        ),
+    ] = None
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns",
+            metavar="NAMES",
+            help="Names of the points of a table without any, three columns each:"
+            " neck,right_elbow.",
+        ),
+    ] = None
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate", metavar="HZ", help="Frames per second of a recording that has no times."
+        ),
+    ] = None
+
+    @property
+    def person_value(self) -> float | Path | None:
+        """The stature as a number, or the path."""
+        return _number_or_path(self.person)
+
+    @property
+    def window_value(self) -> tuple[float, float] | None:
+        """First and last time [s].
+
+        Raises:
+            InputError: if the text is not two times.
+        """
+        if self.window is None:
+            return None
+        begin, colon, end = self.window.partition(":")
+        try:
+            if not colon:
+                raise ValueError
+            return float(begin or "-inf"), float(end or "inf")
+        except ValueError:
+            raise InputError(
+                f"--window: got {self.window!r}, allowed two times in seconds such as 2:10, or one"
+                " such as 2: or :10"
+            ) from None
+
+    @property
+    def columns_value(self) -> tuple[str, ...]:
+        """The names of the points of a table."""
+        return tuple(name.strip() for name in self.columns.split(",")) if self.columns else ()
+
+    def load(self, path: Path, progress: Callable[[float], None] | None = None) -> Recording:
+        """Read a recording.
+
+        Args:
+            path: the recording.
+            progress: called with the share that is done.
+
+        Raises:
+            ErgoqpError: if it cannot be read with these options.
+        """
+        return load_recording(
+            path,
+            self.person_value,
+            self.unit_to_m,
+            self.up and self.up.value,
+            mapping=self.mapping,
+            neutral="vertical" if self.neutral == "vertical" else _number_or_path(self.neutral),
+            window=self.window_value,
+            subject=self.subject,
+            thing=self.thing,
+            columns=self.columns_value,
+            rate=self.rate,
+            progress=progress,
+        )
+
+    def refuse_without_recording(self, at: float | None) -> None:
+        """Raise an error for options that need a recording, ``--at`` among them.
+
+        Raises:
+            InputError: if one is given; the message names it.
+        """
+        for name, value in vars(self).items():
+            if name != "person" and value is not None:
+                raise InputError(
+                    f"--{name.replace('_', '-')}: got {str(value)!r}, but there is no recording;"
+                    " name one with --from"
+                )
+        if at is not None:
+            raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How `ergoqp.placing.optimise.optimise` searches for a place."""
+
+    starts: Starts = 32
+    jobs: Jobs = 1
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of the starts.")] = 0
+    mode: Annotated[
+        str,
+        typer.Option(
+            "--mode", metavar="NAME", help="stackelberg; or cooperative: the posture is chosen too."
+        ),
+    ] = "stackelberg"
+    solver: Annotated[
+        str, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod.")
+    ] = "ipopt"
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="A Dask cluster that solves the starts [this machine].",
+        ),
+    ] = None
+
+    def check(self) -> None:
+        """Check the options, before anything is read or written.
+
+        Raises:
+            InputError: if one cannot be used; the message names it.
+        """
+        check_names(self.mode, self.solver)
+        for name, value, least in (
+            ("starts", self.starts, 1),
+            ("seed", self.seed, 0),
+            ("jobs", self.jobs, 1),
+        ):
+            check_whole(name, value, least)
+
+
+def grouped(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the fields of dataclasses as options; it is called with the dataclasses.
+
+    Args:
+        groups: the dataclass of each parameter that stands for several options.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        hints = get_type_hints(command, include_extras=True)
+        options: list[inspect.Parameter] = []
+        for own in inspect.signature(command).parameters.values():
+            if own.name not in groups:
+                options.append(own.replace(annotation=hints[own.name]))
+                continue
+            kind = groups[own.name]
+            types = get_type_hints(kind, include_extras=True)
+            options += [
+                own.replace(name=each.name, default=each.default, annotation=types[each.name])
+                for each in fields(kind)
+            ]
+
+        def call(**values: Any) -> None:
+            for name, kind in groups.items():
+                values[name] = kind(**{each.name: values.pop(each.name) for each in fields(kind)})
+            command(**values)
+
+        signature = inspect.Signature(
+            [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in options]
+        )
+        vars(call).update(__signature__=signature)
+        call.__annotations__ = {each.name: each.annotation for each in options}
+        return call
+
+    return decorate
+
+
+def out_option(*folders: str) -> Any:
+    """Return the option ``--out`` of a command.
+
+    Args:
+        folders: names of the default folders in ``ergoqp-out``.
+    """
+    default = "ergoqp-out/" + ", ".join(folders)
+    return typer.Option(
+        "--out", metavar="DIR", parser=folder_of, help=f"Folder for the results [{default}]."
+    )
+
+
+def folder_of(text: str) -> Path:
+    """Return the folder of a text, but refuse an empty one, which would be the current folder."""
+    if not text:
+        raise typer.BadParameter("got an empty text, allowed a folder")
+    return Path(text)
+
+
+def _number_or_path(text: str | None) -> float | Path | None:
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return Path(text)
