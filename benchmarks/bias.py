@@ -45,8 +45,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Report, run
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES, JointLimit
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import Alike, Start, sample_person
 from ergoqp.rest.person import Senses

@@ -31,8 +31,8 @@ import numpy as np
 
 from benchmarks.loops import Loops, end_score, figures_of, gather, optimum_of, run_loops
 from benchmarks.report import Report, run
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.model_person import Alike, Start, sample_person
 from ergoqp.rest.person import Senses, frames
 from ergoqp.simulation.check import Checker

@@ -23,13 +23,13 @@ from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.one_class import load_one_class
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.fitting.person import centres_of
-from ergoqp.mocap.formats.write_bvh import write_bvh
+from ergoqp.mocap.formats.bvh import write_bvh
 from ergoqp.paths import data_folder
 from ergoqp.placing.ledger import FILE as LEDGER
 from ergoqp.placing.ledger import Ledger
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum, Trial
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 Rng = np.random.Generator
 

@@ -43,9 +43,9 @@ from ergoqp.identification.calibrate import calibrate_frames
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import pose_error
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.best_place import TURNS, awkward_start, tilted_frames
 from ergoqp.rest.person import Holding, Person, Senses
 from ergoqp.simulation.loop import run_loop

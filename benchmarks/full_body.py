@@ -41,8 +41,8 @@ from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary
 from ergoqp.paths import data_folder
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.rest.best_place import draw_starts, workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker

@@ -23,9 +23,9 @@ from typing import Any
 
 from benchmarks.report import Report, run
 from ergoqp.export.folder import export_step
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.problem_files.load import load_problem
 from ergoqp.seeking.seeker import a_place
 
 TARGET = Path(__file__).with_suffix(".c")

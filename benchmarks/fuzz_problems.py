@@ -14,9 +14,9 @@ from benchmarks.fuzz_regions import random_regions
 from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
-from ergoqp.problem_files.load import TASKS, load_problem
 
 Rng = np.random.Generator
 

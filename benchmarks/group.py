@@ -37,7 +37,7 @@ from benchmarks.report import Report, run
 from ergoqp.lab.group import best_for_group
 from ergoqp.lab.group_search import PlaceSearch, read_people, shared_grid
 from ergoqp.placing.optimise import optimise
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 
 STATURES = (1.55, 1.65, 1.75, 1.85, 1.95)
 """Of the people [m]: about from the 5th percentile of women to the 95th of men."""

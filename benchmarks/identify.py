@@ -41,7 +41,7 @@ from benchmarks.report import Report, run
 from ergoqp.identification.identify import HABIT, Identified, Identifier
 from ergoqp.identification.loops import delay_of, watched
 from ergoqp.identification.promising import Promising, chosen
-from ergoqp.problem_files.load import TASKS
+from ergoqp.problem.load import TASKS
 from ergoqp.rest.person import Holding
 from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.loop import run_loop

@@ -24,8 +24,8 @@ from ergoqp.costs.load import evaluation_time
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.kernels import Columns, Kernel, KernelSum
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.step.stepper import Stepper
 
 COUNTS = (30, 100, 300, 1000, 3000, 10_000)

@@ -25,7 +25,7 @@ from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY, fitted, moved, stoop, walk
 from benchmarks.report import Report, run
 from ergoqp.mocap.fitting.person import centres_of
-from ergoqp.mocap.formats.write_bvh import write_bvh
+from ergoqp.mocap.formats.bvh import write_bvh
 
 RATE = 120.0
 

@@ -23,9 +23,8 @@ import numpy as np
 
 from benchmarks import report
 from ergoqp.lab.mass.body import SOFT_ROBOT
-from ergoqp.lab.mass.holding import STILL, MassHolding
-from ergoqp.lab.mass.person import Mass
-from ergoqp.problem_files.load import load_problem
+from ergoqp.lab.mass.person import STILL, Mass, MassHolding
+from ergoqp.problem.load import load_problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.people import person_of_kind
 

@@ -46,9 +46,8 @@ import numpy as np
 
 from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
-from ergoqp.placing.optimise import optimise
-from ergoqp.placing.start import RESIDUAL
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.placing.optimise import RESIDUAL, optimise
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.best_place import awkward_start, draw_starts, workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop

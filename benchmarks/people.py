@@ -61,7 +61,7 @@ from benchmarks.people_print import WAYS, print_figures
 from benchmarks.people_unit import run_unit
 from benchmarks.report import Report, run
 from ergoqp.files.atomic import write_json
-from ergoqp.problem_files.load import TASKS
+from ergoqp.problem.load import TASKS
 from ergoqp.simulation.people import KINDS
 
 KEPT = ("stepping", "dead_zone")

@@ -16,14 +16,13 @@ from benchmarks.people_way import rested
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.lab.baselines import rule_pose
 from ergoqp.lab.population import person_of
-from ergoqp.lab.yardstick import Judge
-from ergoqp.native.compiler import CompilerError, compiler
+from ergoqp.lab.yardstick import Judge, rule_pose
+from ergoqp.native.compiled import CompilerError, compiler
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.person import Holding, Person
 from ergoqp.seeking import Place

@@ -34,8 +34,8 @@ from benchmarks.people_way import (
     of_trace,
     rested,
 )
-from ergoqp.lab.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.lab.population import person_of
+from ergoqp.lab.yardstick import Drive, Gradient, Still, rule_pose
 from ergoqp.problem.geometry import between, straight
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.seeking import Seeker

@@ -67,7 +67,7 @@ from ergoqp.mocap.fitting.person import centres_of, measured_lengths, suggested_
 from ergoqp.mocap.joints import joints_of
 from ergoqp.mocap.readers import read_motion
 from ergoqp.mocap.recorded import as_recorded
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.sheets.description import elevation_of
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.simulate import simulate

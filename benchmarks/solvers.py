@@ -51,12 +51,11 @@ import casadi as ca
 import numpy as np
 
 from benchmarks.report import Report, run
-from ergoqp.comparison.compare import relatives
+from ergoqp.comparison.compare import SolverTrial, figures_of, relatives, try_solver
 from ergoqp.comparison.record import RecordedQps, record
-from ergoqp.comparison.trial import SolverTrial, figures_of, try_solver
 from ergoqp.limits import WorkspaceBox
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import SOLVERS, installed_solvers, solver_named
 from ergoqp.solvers.session import Array, Qp, QpAnswer, QpSequence, judge

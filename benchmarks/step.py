@@ -51,8 +51,8 @@ from benchmarks.step_c import c_times
 from benchmarks.step_phases import phases_us
 from benchmarks.step_stop import from_full_speed, stop_c_us, stop_difference, stop_us
 from ergoqp.joints import LOWER, UPPER
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
 from ergoqp.step.qp import qp_data

@@ -72,8 +72,8 @@ from benchmarks.tracking_judges import Found
 from benchmarks.tracking_loops import drive, driven, stepper_of
 from benchmarks.tracking_robots import NONE, Case, cases
 from benchmarks.tracking_twists import LIES, NOISES, believed, drive_blind
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop

@@ -48,8 +48,8 @@ from benchmarks.mink_peer import mink_steps
 from benchmarks.report import Report, run
 from benchmarks.step import time_calls, trajectory
 from ergoqp.errors import InputError
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import Alike, sample_person
 from ergoqp.rest.person import Senses

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from ergoqp.mocap.load import fit_postures as fit_postures
     from ergoqp.mocap.load import load_recording as load_recording
     from ergoqp.placing.optimise import optimise as optimise
+    from ergoqp.problem.load import load_problem as load_problem
     from ergoqp.problem.problem import Problem as Problem
     from ergoqp.problem.settings import Control as Control
     from ergoqp.problem.settings import DeclaredRobot as DeclaredRobot
     from ergoqp.problem.settings import Frames as Frames
-    from ergoqp.problem_files.load import load_problem as load_problem
     from ergoqp.seeking.seeker import Seeker as Seeker
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
@@ -58,7 +58,7 @@ _LATER = {
     "identify": "ergoqp.identification.identify",
     "initial_state": "ergoqp.step.state",
     "load_cost": "ergoqp.costs.load",
-    "load_problem": "ergoqp.problem_files.load",
+    "load_problem": "ergoqp.problem.load",
     "load_recording": "ergoqp.mocap.load",
     "optimise": "ergoqp.placing.optimise",
     "replay": "ergoqp.step.replay",

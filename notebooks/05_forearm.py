@@ -28,7 +28,7 @@ from ergoqp.lab.forearm_models import (
     toward_class_below,
 )
 from ergoqp.limits import ArmLength, OneClassBoundary
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot, Frames
-from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Step, Stepper
 

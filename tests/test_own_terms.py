@@ -15,8 +15,8 @@ from ergoqp.human import Body
 from ergoqp.limits import AxisCone
 from ergoqp.mocap.demo_recording import demo_recording
 from ergoqp.mocap.load import load_recording
-from ergoqp.problem_files import schema as own_terms
-from ergoqp.problem_files.load import load_problem, problem_from_dict
+from ergoqp.problem import schema as own_terms
+from ergoqp.problem.load import load_problem, problem_from_dict
 from ergoqp.registry import GROUPS, registered
 from ergoqp.responses import IkResponse
 from ergoqp.simulation.robot import moved

@@ -8,7 +8,7 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
 from ergoqp.mocap.load import load_recording
-from ergoqp.problem_files.load import problem_from_dict
+from ergoqp.problem.load import problem_from_dict
 from ergoqp.registry import GROUPS
 from ergoqp.solvers import solver_named
 

@@ -171,7 +171,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.errors.ModelError",
         "ergoqp.errors.MissingExtraError",
         "ergoqp.errors.WorkersError",
-        "ergoqp.native.compiler.CompilerError",
+        "ergoqp.native.compiled.CompilerError",
     ),
 }
 """Names by group, as they are imported."""

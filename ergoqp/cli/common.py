@@ -14,8 +14,8 @@ from rich.text import Text
 
 from ergoqp.errors import InputError, MissingExtraError, ProblemError
 from ergoqp.joints import JOINTS
+from ergoqp.problem.load import load_problem, problem_names
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem, problem_names
 
 PLAIN_WIDTH = 120
 """Number of columns of tables if the width of the output is unknown."""

@@ -14,7 +14,7 @@ from ergoqp.cli.common import console, make_folder, working, writing
 from ergoqp.cli.options import AnyProblem, out_option
 from ergoqp.comparison.compare import Comparison, check, compare
 from ergoqp.errors import MissingExtraError, install_command
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.session import TOLERANCES, tidy
 

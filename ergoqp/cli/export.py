@@ -14,8 +14,8 @@ from ergoqp.cli.options import AnyProblem, Guide, folder_of
 from ergoqp.cli.run import guide_named
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.responses import IkResponse
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import Alike

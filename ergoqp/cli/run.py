@@ -27,14 +27,14 @@ from ergoqp.cli.options import Guide as GuideName
 from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
-from ergoqp.lab.baselines import rule_pose
 from ergoqp.lab.population import person_of
+from ergoqp.lab.yardstick import rule_pose
 from ergoqp.mocap import Recording
 from ergoqp.mocap.recorded import as_recorded
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
+from ergoqp.problem.messages import nearest_first
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.messages import nearest_first
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place

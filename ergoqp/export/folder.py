@@ -25,14 +25,14 @@ from ergoqp.export.layout import (
 from ergoqp.files.atomic import whole_folder
 from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.limits import ArmLength, OneClassBoundary
-from ergoqp.native.compiled import generated
-from ergoqp.native.compiler import compiler
-from ergoqp.native.daqp import (
+from ergoqp.native.compiled import (
     NativeDaqp,
     c_text,
+    compiler,
     daqp_archive,
     daqp_include,
     daqp_licence,
+    generated,
     sizes_source,
 )
 from ergoqp.problem.problem import Problem

@@ -16,8 +16,8 @@ from ergoqp.step.frames_check import DOUBTED, FRAMES
 from ergoqp.step.function import INPUTS, OUTPUTS
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide
 from ergoqp.step.layout import ASTRAY, CLOCK_ROUNDING, SHORTEST_DT, count
-from ergoqp.step.margins import PARTS
 from ergoqp.step.model import StepModel
+from ergoqp.step.qp import PARTS
 from ergoqp.step.rest import FIRM, TRIAL, UNKNOWN
 from ergoqp.step.state import state_at_start
 

@@ -30,8 +30,7 @@ from typing import Any, Final
 from ergoqp.arguments import check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.files.read import read_toml
-from ergoqp.human.body import FRACTIONS, MASS_RANGE, Body, believable
-from ergoqp.human.kinematics import FRAMES
+from ergoqp.human.body import FRACTIONS, FRAMES, MASS_RANGE, Body, believable
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.mocap.formats.write_bvh import write_bvh
+from ergoqp.mocap.formats.bvh import write_bvh
 
 STATURE: Final = 1.72
 """Stature of the person in the recording [m]."""

@@ -17,8 +17,7 @@ from ergoqp.errors import InputError
 from ergoqp.human.person_file import person_with_markers
 from ergoqp.mocap.assemble import Reading, recording_of
 from ergoqp.mocap.fitting.axes import UPS
-from ergoqp.mocap.formats.stamps import FASTEST, RATES, SLOWEST
-from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, Asked
 from ergoqp.mocap.naming import read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
 from ergoqp.mocap.recording import JointMotion, Recording

@@ -23,9 +23,8 @@ from ergoqp.mocap.formats.motive import read_motive
 from ergoqp.mocap.formats.mvnx import read_mvnx
 from ergoqp.mocap.formats.nexus import read_nexus, section_of
 from ergoqp.mocap.formats.opensim import read_storage
-from ergoqp.mocap.formats.stamps import FASTEST, LONGEST, SLOWEST
 from ergoqp.mocap.formats.table import read_table
-from ergoqp.mocap.formats.text import Asked, beginning, is_number
+from ergoqp.mocap.formats.text import FASTEST, LONGEST, SLOWEST, Asked, beginning, is_number
 from ergoqp.mocap.formats.trc import read_trc
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.progress import Progress, unseen

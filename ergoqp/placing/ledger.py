@@ -14,8 +14,8 @@ from ergoqp.files.cache import content_of, digest_of
 from ergoqp.files.read import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary
+from ergoqp.placing.optimise import PlaceTask
 from ergoqp.placing.optimum import Trial, response_as_dict
-from ergoqp.placing.start import PlaceTask
 from ergoqp.simulation.robot import moved
 
 FILE = "optimum_starts.jsonl"

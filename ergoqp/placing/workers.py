@@ -18,8 +18,8 @@ from typing import Any, Final
 
 from ergoqp.arguments import check_whole
 from ergoqp.errors import InputError, MissingExtraError, WorkersError
+from ergoqp.placing.optimise import PlaceTask, StartSolver
 from ergoqp.placing.optimum import Trial
-from ergoqp.placing.start import PlaceTask, StartSolver
 
 TIMEOUT: Final = 5.0
 """Time within which a cluster must answer [s]."""

@@ -12,12 +12,11 @@ import numpy as np
 
 from ergoqp.lab.group import GroupOptimum, Member
 from ergoqp.lab.group_search import GroupPerson
-from ergoqp.placing.place import Placing
-from ergoqp.placing.slices import Slice, slices_through
+from ergoqp.placing.place import Placing, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import Standing, lineup
-from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
+from ergoqp.report.charts.strips import COLOURS, Spot, score_map
 from ergoqp.report.optimum_page import (
     place_words,
     score_headline,

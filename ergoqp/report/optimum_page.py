@@ -14,15 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ergoqp.placing.optimise import begin_from
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.place import Placing
-from ergoqp.placing.slices import Slice, slices_through
-from ergoqp.placing.start import begin_from
+from ergoqp.placing.place import Placing, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
-from ergoqp.report.charts.score_map import AXES, COLOURS, Spot, score_map
-from ergoqp.report.charts.strips import segments_chart
+from ergoqp.report.charts.strips import AXES, COLOURS, Spot, score_map, segments_chart
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, plain, write_page
 from ergoqp.rest.model_person import Alike
 from ergoqp.simulation.description import options_of

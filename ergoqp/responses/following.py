@@ -19,7 +19,7 @@ import numpy as np
 
 from ergoqp.expressions.linear import spd_inverse
 from ergoqp.human import Kinematics
-from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human.body import base_jacobian
 from ergoqp.joints import JOINTS
 from ergoqp.responses.stance import (
     LEGS,

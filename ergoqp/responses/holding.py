@@ -9,7 +9,7 @@ from functools import cached_property
 import casadi as ca
 
 from ergoqp.human import Kinematics
-from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import (

@@ -34,7 +34,7 @@ import numpy as np
 
 from ergoqp.expressions.linear import solve3, spd_inverse
 from ergoqp.human import Kinematics
-from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
 
 LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) for side in SIDES}

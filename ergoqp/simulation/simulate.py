@@ -17,8 +17,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.inputs import read_observed, read_posture, stood_otherwise
-from ergoqp.rest.person import Holding, Person, Senses
+from ergoqp.rest.person import Holding, Person, Senses, read_observed, read_posture, stood_otherwise
 from ergoqp.seeking.seeker import Seeker
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.description import about_person, about_robot, options_of

@@ -20,9 +20,8 @@ from ergoqp.solvers.solver import FREE
 from ergoqp.step.causes import Cause, Status, fault_sentence
 from ergoqp.step.frames_check import frames_sentence
 from ergoqp.step.layout import CLOCK_ROUNDING, LONGEST_DT, SHORTEST_DT
-from ergoqp.step.margins import AHEAD, PARTS, Margins
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.qp import AHEAD, PARTS, TOLERANCE, Margins
 from ergoqp.step.rest import BACK, LOOK, THERE
 from ergoqp.step.rows import limit_values
 

@@ -13,13 +13,11 @@ from ergoqp.expressions.linear import by_name, dense, is_set, largest, smallest
 from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import on_surface
-from ergoqp.native.compiler import shared_library
-from ergoqp.native.daqp import c_text
+from ergoqp.native.compiled import c_text, shared_library
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.margins import Margins, situations_of, smallest_margins
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.qp import TOLERANCE, Margins, situations_of, smallest_margins
 from ergoqp.step.rest import rest_update, trial_update
 from ergoqp.step.rows import MOVES, bends, patience
 

@@ -31,10 +31,9 @@ from ergoqp.step.faults import watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.layout import CLOCK_ROUNDING, count, joined, split
-from ergoqp.step.margins import amiss
 from ergoqp.step.model import StepModel
 from ergoqp.step.objective import cost_function, gain_function
-from ergoqp.step.qp import away_function, solve_passes
+from ergoqp.step.qp import amiss, away_function, solve_passes
 from ergoqp.step.rest import stalled
 from ergoqp.step.rows import asked_update, still_asks
 from ergoqp.step.spare import callers

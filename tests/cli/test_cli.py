@@ -14,7 +14,7 @@ import pytest
 from command_line import mistake
 
 from ergoqp import __version__
-from ergoqp.problem_files.load import problem_names
+from ergoqp.problem.load import problem_names
 
 
 def test_version(ergoqp):
@@ -361,7 +361,7 @@ class TestFaults:
         def broken(*_, **__):
             raise ZeroDivisionError("a bug")
 
-        monkeypatch.setattr("ergoqp.problem_files.load.load_problem", broken)
+        monkeypatch.setattr("ergoqp.problem.load.load_problem", broken)
         monkeypatch.setattr("ergoqp.cli.run.load_person_problem", broken)
 
     @pytest.mark.usefixtures("fault")

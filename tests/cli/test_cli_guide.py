@@ -7,7 +7,7 @@ import pytest
 from command_line import mistake
 
 from ergoqp.placing.optimise import optimise
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 
 @pytest.fixture(scope="module")

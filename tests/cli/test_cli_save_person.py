@@ -11,7 +11,7 @@ from command_line import mistake
 from benchmarks.made_markers import markers_of, write_c3d
 from benchmarks.made_motions import BODY, RATE, fitted, walk
 from ergoqp.human.person_file import given_person, person_with_markers
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 LEFT_ARM = ("LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN")
 

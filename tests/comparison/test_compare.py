@@ -16,9 +16,8 @@ import numpy as np
 import pytest
 
 import ergoqp
-from ergoqp.comparison.compare import Comparison
+from ergoqp.comparison.compare import DEADLINE, Comparison, figures_of, try_solver
 from ergoqp.comparison.record import load_sequence, save_sequences
-from ergoqp.comparison.trial import DEADLINE, figures_of, try_solver
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.solvers.session import QpAnswer, judge
 

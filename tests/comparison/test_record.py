@@ -13,7 +13,7 @@ from ergoqp.comparison.derive import CONTRADICTIONS, CURVATURE, SLAB
 from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.errors import InputError
 from ergoqp.limits import Limit
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.responses import LinearResponse
 from ergoqp.solvers.session import Qp, QpSequence, judge
 from ergoqp.step.layout import split

@@ -15,7 +15,7 @@ import pytest
 from page_blocks import Block, blocks_of
 from page_given import GIVEN
 
-from ergoqp.problem_files.load import problem_from_dict
+from ergoqp.problem.load import problem_from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

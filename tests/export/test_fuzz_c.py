@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks import fuzz_c
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 

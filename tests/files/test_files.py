@@ -19,7 +19,7 @@ from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.paths import data_folder
 from ergoqp.placing.ledger import FILE, Ledger
 from ergoqp.placing.optimum import Optimum, Trial
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 
 def npy(shape: str, data: bytes, kind: str = "<f8") -> bytes:

@@ -11,7 +11,7 @@ from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.identification.rest_model import RestModel, situation_of
 from ergoqp.problem.geometry import Workspace
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.model_person import Alike
 
 

@@ -16,9 +16,9 @@ import ergoqp
 from ergoqp.errors import InputError, OutOfReachError, ProblemError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
+from ergoqp.problem.load import load_problem, problem_from_dict
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.delay import _hard_rows

@@ -12,7 +12,7 @@ from situations import brake_of
 
 from ergoqp.limits import TwistLimit
 from ergoqp.limits.stop import Stop
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 LIMIT = TwistLimit(0.2, 0.8, 0.6, 2.5)
 WINDOW = 0.05

@@ -15,10 +15,8 @@ from step_calls import wandering_steps
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.native import compiled
-from ergoqp.native import compiler as native_compiler
-from ergoqp.native.compiled import generated
-from ergoqp.native.compiler import CompilerError, shared_library
-from ergoqp.native.daqp import NativeDaqp
+from ergoqp.native import compiled as native_compiler
+from ergoqp.native.compiled import CompilerError, NativeDaqp, generated, shared_library
 from ergoqp.solvers import solver_named
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper

@@ -26,7 +26,7 @@ from ergoqp.lab.population import variant
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.place import Placing
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.rest.best_place import workspace_poses
 
 STATURES = (1.5, 1.7, 2.0)

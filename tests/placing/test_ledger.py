@@ -13,7 +13,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut
 from ergoqp.placing import optimise as placing
 from ergoqp.placing.ledger import FILE, key_of
-from ergoqp.placing.start import PlaceTask, begin_from
+from ergoqp.placing.optimise import PlaceTask, begin_from
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.model_person import Alike
 

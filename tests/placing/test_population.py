@@ -9,7 +9,7 @@ from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.lab.population import STATURES, best_of_population, population, variant
 from ergoqp.limits import WorkspaceBox
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 
 @pytest.fixture(scope="module")

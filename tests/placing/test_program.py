@@ -7,9 +7,9 @@ import pytest
 
 import ergoqp
 from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.placing.optimise import begin_from
 from ergoqp.placing.program import Program, smooth_cost
-from ergoqp.placing.start import begin_from
-from ergoqp.problem_files.load import TASKS
+from ergoqp.problem.load import TASKS
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import Alike
 

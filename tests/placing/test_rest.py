@@ -7,7 +7,7 @@ import pytest
 import ergoqp
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.placing.program import rest_conditions, soft_clip
-from ergoqp.problem_files.load import TASKS
+from ergoqp.problem.load import TASKS
 from ergoqp.responses.holding import Situated
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person

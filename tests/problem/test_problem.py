@@ -14,9 +14,9 @@ from ergoqp import reba
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control
-from ergoqp.problem_files.load import load_problem
 from ergoqp.step.stepper import Stepper
 
 

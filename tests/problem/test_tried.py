@@ -13,8 +13,8 @@ import pytest
 from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX, JOINTS
 from ergoqp.problem import validate as tried
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 
 TRUNK = INDEX["trunk_flexion"]
 

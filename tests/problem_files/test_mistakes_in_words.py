@@ -9,7 +9,7 @@ import pytest
 
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.files.read import read_toml
-from ergoqp.problem_files.load import problem_from_dict
+from ergoqp.problem.load import problem_from_dict
 from ergoqp.responses import IkResponse
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.errors import ProblemError
 from ergoqp.limits import AxisCone
-from ergoqp.problem_files import schema as own_terms
-from ergoqp.problem_files.load import COSTS, LIMITS, RESPONSES, problem_from_dict
-from ergoqp.problem_files.schema import CostTable, LimitsTable, ResponseTable
+from ergoqp.problem import schema as own_terms
+from ergoqp.problem.load import COSTS, LIMITS, RESPONSES, problem_from_dict
+from ergoqp.problem.schema import CostTable, LimitsTable, ResponseTable
 from ergoqp.registry import GROUPS
 
 

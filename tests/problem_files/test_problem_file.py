@@ -16,7 +16,7 @@ from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, JointLimit, WorkspaceBox
 from ergoqp.paths import data_folder
-from ergoqp.problem_files.load import TASKS, load_problem, problem_from_dict, problem_names
+from ergoqp.problem.load import TASKS, load_problem, problem_from_dict, problem_names
 
 LEAST = {"response": {"ik": {}}}
 

@@ -9,7 +9,7 @@ from ergoqp.costs.neural import Neural
 from ergoqp.errors import ErgoqpError
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import ArmLength, JointLimit, OneClassBoundary
-from ergoqp.problem_files.load import problem_from_dict
+from ergoqp.problem.load import problem_from_dict
 from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.step.stepper import Stepper
 

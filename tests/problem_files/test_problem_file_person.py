@@ -11,8 +11,8 @@ import pytest
 from ergoqp.errors import ProblemError
 from ergoqp.human import Body
 from ergoqp.human.person_file import Marker, write_person
+from ergoqp.problem.load import load_problem, problem_from_dict
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem, problem_from_dict
 
 ME = Body(1.62, {"forearm": 0.22, "trunk": 0.5}, 58.0)
 

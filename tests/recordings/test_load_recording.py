@@ -18,7 +18,7 @@ from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.mocap import Recording, fit_postures, load_recording
 from ergoqp.mocap.fitting.axes import UPS, axes_of
-from ergoqp.mocap.formats.write_bvh import write_bvh
+from ergoqp.mocap.formats.bvh import write_bvh
 
 DEGREE = np.radians(1)
 

@@ -9,14 +9,12 @@ from browsing import PATIENCE
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
-from ergoqp.placing.optimise import optimise
-from ergoqp.placing.place import Placing
-from ergoqp.placing.slices import Slice, slices_through
-from ergoqp.placing.start import begin_from
-from ergoqp.problem_files.load import load_problem
+from ergoqp.placing.optimise import begin_from, optimise
+from ergoqp.placing.place import Placing, Slice, slices_through
+from ergoqp.problem.load import load_problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import Standing, lineup
-from ergoqp.report.charts.score_map import Spot, score_map
+from ergoqp.report.charts.strips import Spot, score_map
 from ergoqp.report.optimum_page import change_of, place_words
 from ergoqp.rest.model_person import Alike
 

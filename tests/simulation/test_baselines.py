@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from ergoqp.human import Body
-from ergoqp.lab.baselines import Drive, Gradient, Still, rule_pose
-from ergoqp.lab.yardstick import Workspace
+from ergoqp.lab.yardstick import Drive, Gradient, Still, Workspace, rule_pose
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import pose_error, turned
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.person import Senses
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop

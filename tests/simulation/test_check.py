@@ -15,9 +15,9 @@ from ergoqp.limits import (
     TwistLimit,
     WorkspaceBox,
 )
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control
-from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.check import Checker
 
 DT = 0.01

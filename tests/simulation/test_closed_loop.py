@@ -7,8 +7,8 @@ import pytest
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.rest.model_person import sample_person
 from ergoqp.rest.person import Senses, frames
 from ergoqp.simulation.check import Checker

@@ -10,8 +10,8 @@ import pytest
 
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.rest.model_person import Alike, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate

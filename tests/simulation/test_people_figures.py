@@ -13,7 +13,7 @@ from benchmarks import people, people_draw, people_page, people_print, people_un
 from benchmarks.people_figures import best_of, figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
-from ergoqp.lab.baselines import Still
+from ergoqp.lab.yardstick import Still
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.seeking.seeker import a_place
 from ergoqp.simulation.loop import Trace

@@ -8,7 +8,7 @@ import pytest
 from ergoqp.errors import InputError
 from ergoqp.lab.yardstick import Judge, Place, Workspace
 from ergoqp.limits import AxisCone, Ball, KeepOut, WorkspaceBox
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.best_place import workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.people import person_of_kind

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from ergoqp.comparison.record import RecordedQps, record
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.solvers.session import Qp
 
 

@@ -20,9 +20,9 @@ from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
 from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot, Frames
-from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
 

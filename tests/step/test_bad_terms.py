@@ -20,9 +20,8 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control
 from ergoqp.step.certification import _shorten_function
 from ergoqp.step.function import step_function
-from ergoqp.step.margins import Margins, smallest_margins
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import qp_data
+from ergoqp.step.qp import Margins, qp_data, smallest_margins
 from ergoqp.step.stepper import Stepper
 
 SOLVERS = ("daqp", "osqp", "highs")

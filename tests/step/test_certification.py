@@ -13,8 +13,8 @@ from step_samples import bold_stepper, comfort_of, held_pose, near_comfort, prob
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer import _rate_excess
 from ergoqp.step.certification import (

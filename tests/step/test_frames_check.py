@@ -10,9 +10,9 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
-from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.causes import Cause
 from ergoqp.step.frames_check import AGREED, BEYOND, DOUBTED, PERIOD, _judged, bounds

@@ -377,7 +377,7 @@ def test_reset_keeps_the_place_and_forgets_the_trial() -> None:
 
 @pytest.mark.slow
 def test_compiled_it_is_led_alike() -> None:
-    from ergoqp.native.compiler import CompilerError, compiler
+    from ergoqp.native.compiled import CompilerError, compiler
 
     try:
         compiler()

@@ -12,7 +12,7 @@ from step_samples import comfort_of, near_comfort, problem_of
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.native.daqp import c_text
+from ergoqp.native.compiled import c_text
 from ergoqp.simulation.robot import moved
 from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.solvers.daqp import ITERATIONS

@@ -24,7 +24,7 @@ from ergoqp.lab.mass.body import (
     per_joint,
 )
 from ergoqp.lab.mass.planner import PERSON_QPOS, Plan, Planner
-from ergoqp.lab.people.body_tasks import contact_of
+from ergoqp.lab.people.habits import contact_of
 
 # Columns of the joints that take up the tilt of a pelvis, and the signs of their axes relative
 # to y, x, z.

@@ -1,17 +1,223 @@
-"""Bodies and habits of people at random: proportions, preferred postures, stiffnesses."""
+"""Bodies, habits and tasks of people: proportions, favourite postures, points of the body, grasp."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
+import mujoco
 import numpy as np
 
+from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.lab.people.body_tasks import Work
+from ergoqp.problem.geometry import turn_between
+from ergoqp.problem.problem import Problem
+from ergoqp.responses.ik import IkResponse
+
+BASE = 4
+"""Number of entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
+
+_NOWHERE = np.eye(4)
+
+_UNMOVED_BY_BALANCE = ("neck", "shoulder", "elbow", "forearm", "wrist")
+"""Joints that do not help to balance: neck and arms."""
+
+
+class BodyTasks:
+    """Kinematics of a body at a placement.
+
+    A placement is pelvis x, y, z [m], yaw [rad], then the 32 joints [rad]: (36,).
+
+    Args:
+        body: the body.
+    """
+
+    def __init__(self, body: Body) -> None:
+        """Load the model of the body."""
+        self.model = body.model
+        self._data = mujoco.MjData(self.model)
+        self._sites = {self.model.site(number).name: number for number in range(self.model.nsite)}
+        self._feet = [self._sites[f"{side}_{end}"] for side in SIDES for end in ("heel", "toe")]
+        self._pelvis = self.model.body("pelvis").id
+        self.size = BASE + len(JOINTS)
+        self.lower = np.concatenate([np.full(BASE, -np.inf), LOWER])
+        self.upper = np.concatenate([np.full(BASE, np.inf), UPPER])
+        self._balances = np.ones(self.size)
+        for number, joint in enumerate(JOINTS):
+            if any(part in joint for part in _UNMOVED_BY_BALANCE):
+                self._balances[BASE + number] = 0.0
+
+    def place(self, placement: np.ndarray) -> None:
+        """Set the placement (36,). All other methods refer to it."""
+        self._data.qpos[:] = placement
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
+
+    def frame(self, site: str) -> np.ndarray:
+        """Return the pose (4, 4) of a site in the world."""
+        number, pose = self._sites[site], _NOWHERE.copy()
+        pose[:3, :3] = self._data.site_xmat[number].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[number]
+        return pose
+
+    def point(self, site: str) -> np.ndarray:
+        """Return the position of a site in the world (3,) [m]."""
+        return self._data.site_xpos[self._sites[site]].copy()
+
+    def toward(self, site: str, want: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the motion (6,) of a site to a pose (4, 4), and its `jacobian`."""
+        number, way = self._sites[site], np.empty(6)
+        way[:3] = want[:3, 3] - self._data.site_xpos[number]
+        way[3:] = turn_between(self._data.site_xmat[number].reshape(3, 3), want[:3, :3])
+        return way, self.jacobian(site)
+
+    def jacobian(self, site: str) -> np.ndarray:
+        """Return how a site moves with the placement (6, 36): world-aligned, linear first."""
+        moves = np.empty((6, self.size))
+        mujoco.mj_jacSite(self.model, self._data, moves[:3], moves[3:], self._sites[site])
+        return moves
+
+    def mass_centre(self) -> tuple[list[float], np.ndarray]:
+        """Return the centre of mass over the floor (2,) [m], and how it moves (2, 36).
+
+        Neck and arms move it too, but they are not moved for its sake.
+        """
+        moves = np.empty((3, self.size))
+        mujoco.mj_jacSubtreeCom(self.model, self._data, moves, self._pelvis)
+        return self._data.subtree_com[self._pelvis, :2].tolist(), moves[:2] * self._balances
+
+    def feet(self) -> list[list[float]]:
+        """Return the positions of heel and toe of each foot (4, 3) [m]."""
+        return self._data.site_xpos[self._feet].tolist()
+
+    def step_within(
+        self, placement: np.ndarray, hessian: np.ndarray, pull: np.ndarray, mobile: np.ndarray
+    ) -> np.ndarray:
+        """Return the Newton step (36,) of mobile entries; others stop at the end of their range.
+
+        Args:
+            placement: placement before the step (36,).
+            hessian: (36, 36).
+            pull: right side of the Newton equation (36,).
+            mobile: entries that may move (36,) bool.
+        """
+        lower, upper = self.lower - placement, self.upper - placement
+        step = np.zeros(len(pull))
+        for _ in range(4):
+            if mobile.all():
+                # The usual case: no joint is at the end of its range, so all entries move.
+                step = _solved(hessian, pull)
+            else:
+                free = np.flatnonzero(mobile)
+                left = pull[free] - hessian[free] @ np.where(mobile, 0.0, step)
+                step[free] = _solved(hessian[free[:, None], free], left)
+            beyond = mobile & ((step < lower) | (step > upper))
+            if not beyond.any():
+                return step
+            step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
+            mobile = mobile & ~beyond
+        return step
+
+    def standing(self, posture: np.ndarray) -> np.ndarray:
+        """Return the placement (36,) of a posture (32,) with the world's origin between the soles.
+
+        x is along their mean heading.
+        """
+        placement = np.concatenate([np.zeros(BASE), posture])
+        self.place(placement)
+        soles = [self.frame(f"{side}_sole") for side in SIDES]
+        heading = soles[0][:3, 0] + soles[1][:3, 0]
+        yaw = -np.arctan2(heading[1], heading[0])
+        middle = (soles[0][:3, 3] + soles[1][:3, 3]) / 2
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        placement[:2], placement[2], placement[3] = -turn @ middle[:2], -middle[2], yaw
+        self.place(placement)
+        return placement
+
+    def seated(self, posture: np.ndarray, height: float) -> np.ndarray:
+        """Return the placement (36,) of a posture (32,) on a seat [m] above the origin."""
+        placement = np.concatenate([[0.0, 0.0, height, 0.0], posture])
+        self.place(placement)
+        return placement
+
+    def leg_height(self, posture: np.ndarray) -> float:
+        """Return the height of the hip centres at which the lower sole is on the floor [m]."""
+        self.place(np.concatenate([np.zeros(BASE), posture]))
+        return -min(self.frame(f"{side}_sole")[2, 3] for side in SIDES)
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the solution (n,) with a small positive definite matrix (n, n). It is called often."""
+    factor, solution = matrix.copy(), np.empty(len(right))
+    mujoco.mju_cholFactor(factor, 0.0)
+    mujoco.mju_cholSolve(solution, factor, right)
+    return solution
+
+
+AXIS: Final = {"along": (1.0, 0.0, 0.0), "thumb": (0.0, 0.0, 1.0)}
+"""The tool axis in the frame of a grip: out of the fist, or past the thumb."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """A problem's description of how the object is held, independent of the person.
+
+    Attributes:
+        hands: hands that hold the object.
+        stance: ``"standing"`` or ``"seated"``.
+        seat_height: height of the hip centres when seated [m]; None: adapted to the person.
+        tool: axis of the tool in the hand.
+        free_about_tool: whether the hand may turn about it.
+    """
+
+    hands: tuple[str, ...]
+    stance: str
+    seat_height: float | None
+    tool: str
+    free_about_tool: bool
+
+    @classmethod
+    def of(cls, problem: Problem) -> Work:
+        """Return the work of a problem.
+
+        Raises:
+            InputError: if its response is not an `IkResponse`.
+        """
+        said = problem.response
+        if not isinstance(said, IkResponse):
+            raise InputError(
+                f"simulated person: got a response of type {type(said).__name__}, allowed"
+                " IkResponse"
+            )
+        return cls(said.hands, said.stance, said.seat_height, said.tool, said.free_about_tool)
+
+    def contact(self, grips: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the contact frame of the object (4, 4) for the grips of the hands (4, 4) each."""
+        return contact_of(grips, self.tool)
+
+
+def contact_of(grips: Sequence[np.ndarray], tool: str) -> np.ndarray:
+    """Return the contact frame (4, 4) [m] for grips (4, 4) each. Its x axis is the tool axis.
+
+    One hand: it is at the grip. Two hands: it is midway, y points from the right grip to the
+    left one, and x is as close as possible to the mean of the two tool axes.
+    """
+    frame = np.eye(4)
+    frame[:3, 3] = np.mean([grip[:3, 3] for grip in grips], axis=0)
+    x = np.sum([grip[:3, :3] @ AXIS[tool] for grip in grips], axis=0)
+    if len(grips) == 1:
+        frame[:3, 0], frame[:3, 1] = x, grips[0][:3, 1]
+    else:
+        y = grips[1][:3, 3] - grips[0][:3, 3]
+        frame[:3, 1] = y / np.linalg.norm(y)
+        x = x - frame[:3, 1] * (frame[:3, 1] @ x)
+        frame[:3, 0] = x / np.linalg.norm(x)
+    frame[:3, 2] = np.cross(frame[:3, 0], frame[:3, 1])
+    return frame
+
 
 Sex = Literal["female", "male"]
 

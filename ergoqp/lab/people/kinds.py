@@ -10,8 +10,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.lab.people.body_tasks import BASE, Work
-from ergoqp.lab.people.habits import Habits
+from ergoqp.lab.people.habits import BASE, Habits, Work
 from ergoqp.lab.people.soft import REACHED, SoftBody, SoftHolding, SoftPerson, Wish
 from ergoqp.problem.geometry import pose_error
 from ergoqp.rest.person import Senses

@@ -23,8 +23,15 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.lab.people.body_tasks import BASE, BodyTasks, Work
-from ergoqp.lab.people.habits import Habits, draw_body, draw_habits, generators
+from ergoqp.lab.people.habits import (
+    BASE,
+    BodyTasks,
+    Habits,
+    Work,
+    draw_body,
+    draw_habits,
+    generators,
+)
 from ergoqp.problem.geometry import LONGEST_SHIFT, LONGEST_TURN, between, straight
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.person import Holding, Person, Senses, draw_senses

@@ -28,8 +28,7 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds
-from ergoqp.mocap.formats.text import short, some, unit_turns
+from ergoqp.mocap.formats.text import repeated, seconds, short, some, unit_turns
 
 MOST: Final = 1000
 """Largest number of names of one kind in a bag of a person and objects."""

@@ -20,7 +20,6 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds, steady, time_head
 from ergoqp.mocap.formats.text import (
     Asked,
     Chosen,
@@ -30,9 +29,13 @@ from ergoqp.mocap.formats.text import (
     blocks,
     cells,
     poses_of,
+    repeated,
+    seconds,
     separator_of,
     short,
     some,
+    steady,
+    time_head,
     unit_turns,
 )
 from ergoqp.mocap.recording import JointMotion

@@ -30,8 +30,7 @@ from typing import Any, BinaryIO, Final, NoReturn
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds
-from ergoqp.mocap.formats.text import Asked, binary, short, some
+from ergoqp.mocap.formats.text import Asked, binary, repeated, seconds, short, some
 from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.mocap.names import nameless
 from ergoqp.mocap.recording import JointMotion

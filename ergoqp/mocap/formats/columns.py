@@ -11,8 +11,17 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import once, tick_of, time_head
-from ergoqp.mocap.formats.text import Asked, Gathered, TextLines, is_number, short, some
+from ergoqp.mocap.formats.text import (
+    Asked,
+    Gathered,
+    TextLines,
+    is_number,
+    once,
+    short,
+    some,
+    tick_of,
+    time_head,
+)
 from ergoqp.mocap.names import squashed
 
 _DAY: Final = 86_400.0

@@ -16,7 +16,6 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds
 from ergoqp.mocap.formats.text import (
     Asked,
     Gathered,
@@ -27,6 +26,8 @@ from ergoqp.mocap.formats.text import (
     count_of,
     is_number,
     poses_of,
+    repeated,
+    seconds,
     short,
     unit_turns,
 )

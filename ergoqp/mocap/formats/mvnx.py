@@ -21,8 +21,17 @@ from xml.parsers import expat
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds
-from ergoqp.mocap.formats.text import LARGEST, Asked, Gathered, binary, count_of, short, unit_turns
+from ergoqp.mocap.formats.text import (
+    LARGEST,
+    Asked,
+    Gathered,
+    binary,
+    count_of,
+    repeated,
+    seconds,
+    short,
+    unit_turns,
+)
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.progress import Progress
 

@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds
 from ergoqp.mocap.formats.text import (
     Asked,
     Gathered,
@@ -23,6 +22,8 @@ from ergoqp.mocap.formats.text import (
     blocks,
     cells,
     is_number,
+    repeated,
+    seconds,
     separator_of,
     short,
 )

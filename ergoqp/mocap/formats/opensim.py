@@ -38,7 +38,6 @@ from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.mocap.formats.opensim_models import MODELS, OpenSimModel, Step
-from ergoqp.mocap.formats.stamps import seconds
 from ergoqp.mocap.formats.text import (
     Asked,
     Gathered,
@@ -47,6 +46,7 @@ from ergoqp.mocap.formats.text import (
     blocks,
     cells,
     count_of,
+    seconds,
     separator_of,
     short,
     some,

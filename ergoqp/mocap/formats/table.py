@@ -26,7 +26,6 @@ from ergoqp.mocap.formats.columns import (
     side_by_side,
     surety,
 )
-from ergoqp.mocap.formats.stamps import repeated, seconds, steady
 from ergoqp.mocap.formats.text import (
     EMPTY,
     Asked,
@@ -38,9 +37,12 @@ from ergoqp.mocap.formats.text import (
     cells,
     is_nothing,
     is_number,
+    repeated,
+    seconds,
     separator_of,
     short,
     some,
+    steady,
 )
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.progress import Progress

@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import repeated, seconds, unit_by_rate
 from ergoqp.mocap.formats.text import (
     Asked,
     Gathered,
@@ -24,8 +23,11 @@ from ergoqp.mocap.formats.text import (
     cells,
     count_of,
     is_number,
+    repeated,
+    seconds,
     separator_of,
     short,
+    unit_by_rate,
 )
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.progress import Progress

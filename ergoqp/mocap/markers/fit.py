@@ -25,8 +25,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.body import GROWTH
-from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human.body import GROWTH, base_jacobian
 from ergoqp.human.person_file import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.person import growth_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.stamps import (
+from ergoqp.mocap.formats.text import (
     repeated,
     seconds,
     steady,

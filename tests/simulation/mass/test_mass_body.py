@@ -10,7 +10,7 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.lab.mass.body import FRICTION, MUSCLES, SEGMENTS, SOFT_ROBOT, Sex, build, inertias
 from ergoqp.lab.mass.control import reported, upright
-from ergoqp.lab.people.body_tasks import AXIS, contact_of
+from ergoqp.lab.people.habits import AXIS, contact_of
 
 FRAMES = ("trunk", "neck", "head_top", "right_shoulder", "left_elbow", "right_wrist", "left_grip")
 FRAMES_BELOW = ("right_hip", "left_knee", "right_ankle", "left_sole")

@@ -7,11 +7,11 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.lab.mass import holding
+from ergoqp.lab.mass import person as holding
 from ergoqp.lab.mass.body import SOFT_ROBOT_DECLARED
 from ergoqp.lab.mass.person import draw
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.problem_files.load import load_problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.loop import with_own_robot
 from ergoqp.simulation.people import person_of_kind

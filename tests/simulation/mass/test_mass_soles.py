@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.lab.mass import holding
+from ergoqp.lab.mass import person as holding
 from ergoqp.lab.mass.body import FRICTION, cross
 from ergoqp.lab.mass.control import shared
 from ergoqp.problem.geometry import between
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.simulation.people import person_of_kind
 
 SOLE = np.array([[x, y, 0.0] for x in (-0.05, 0.18) for y in (-0.15, -0.06, 0.06, 0.15)])

@@ -8,12 +8,11 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.lab.mass import holding
+from ergoqp.lab.mass import person as holding
 from ergoqp.lab.mass.body import HABITS, PERSON_DOFS, SOFT_ROBOT
 from ergoqp.lab.mass.control import Grasp
-from ergoqp.lab.mass.holding import MassHolding
-from ergoqp.lab.mass.person import Mass
-from ergoqp.problem_files.load import load_problem
+from ergoqp.lab.mass.person import Mass, MassHolding
+from ergoqp.problem.load import load_problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.people import person_of_kind
 

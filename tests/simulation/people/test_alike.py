@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.model_person import REACHED, Alike, sample_person
 
 

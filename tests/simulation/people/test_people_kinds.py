@@ -20,7 +20,7 @@ from ergoqp.lab.people.kinds import RANGE, SHIFT, FollowerPerson
 from ergoqp.lab.people.soft import REACHED, SoftHolding, SoftPerson
 from ergoqp.lab.yardstick import Workspace
 from ergoqp.problem.geometry import pose_error, straight, turned
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.person import LET_GO, Senses
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.simulate import simulate

@@ -31,9 +31,7 @@ from pydantic_core import PydanticCustomError
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, InputError, in_words
 from ergoqp.limits import AXES
-from ergoqp.problem.settings import Control
-from ergoqp.problem.validate import check_response
-from ergoqp.problem_files.messages import (
+from ergoqp.problem.messages import (
     NotNegative,
     Number,
     Positive,
@@ -45,6 +43,8 @@ from ergoqp.problem_files.messages import (
     keys_of,
     listing,
 )
+from ergoqp.problem.settings import Control
+from ergoqp.problem.validate import check_response
 from ergoqp.registry import check_free, own_term, registered
 from ergoqp.sheets.reba import Method
 

@@ -34,10 +34,9 @@ from ergoqp.limits import (
     WorkspaceBox,
 )
 from ergoqp.paths import data_folder
+from ergoqp.problem.messages import full_keys, given_tables, listed, mistakes, unusual
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.settings import Control, DeclaredRobot, Frames
-from ergoqp.problem_files.messages import full_keys, given_tables, listed, mistakes, unusual
-from ergoqp.problem_files.schema import (
+from ergoqp.problem.schema import (
     FileTable,
     JointsTable,
     PointSpeedTable,
@@ -49,6 +48,7 @@ from ergoqp.problem_files.schema import (
     file_table,
     own_tables,
 )
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.responses import IkResponse, LinearResponse, Response
 from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method
