@@ -25,10 +25,8 @@ from ergoqp.mocap import load_recording
 from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.formats.bvh import write_bvh
 from ergoqp.paths import data_folder
-from ergoqp.placing.ledger import FILE as LEDGER
-from ergoqp.placing.ledger import Ledger
 from ergoqp.placing.optimise import optimise
-from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import load_problem
 
 Rng = np.random.Generator
@@ -185,38 +183,6 @@ def people(folder: Path) -> Kind:
     )
 
 
-def _trial(rng: Rng) -> Trial:
-    return Trial(int(rng.integers(9)), np.eye(4), rng.normal(size=32), 3, 2.5, 1e-9, 0.0, 0.1)
-
-
-def ledgers(folder: Path) -> Kind:
-    """Ledgers of finished starts."""
-
-    def made(rng: Rng) -> bytes:
-        from ergoqp.expressions.rigid import pose_as_dict
-
-        trials = [_trial(rng) for _ in range(4)]
-        del pose_as_dict
-        lines = [json.dumps({"key": "k", "trial": trial.as_dict()}) for trial in trials]
-        return ("\n".join(lines) + "\n").encode()
-
-    def read(path: Path) -> None:
-        place = folder / "ledger"
-        place.mkdir(exist_ok=True)
-        ledger_file = place / LEDGER
-        if path.is_file():
-            ledger_file.write_bytes(path.read_bytes())
-        ledger = Ledger(place, "k")
-        for trial in ledger.trials.values():
-            if not np.isfinite(trial.posture).all() or trial.cost != trial.cost:
-                raise AssertionError("a trial that is none was taken over")
-        ledger.add(_trial(np.random.default_rng(0)))
-        if not Ledger(place, "k").trials:
-            raise AssertionError("a trial that was added is lost")
-
-    return Kind("ledger", ".jsonl", True, made, read)
-
-
 def optima(folder: Path) -> Kind:
     """Optima, and the guides that they are read as."""
     from ergoqp.step.guide import read_guide
@@ -262,7 +228,6 @@ KINDS = (
     markers,
     tables,
     people,
-    ledgers,
     optima,
     caches,
 )

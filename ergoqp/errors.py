@@ -46,9 +46,7 @@ class OutOfReachError(InputError):
 
 
 class WorkersError(ErgoqpError):
-    """The worker processes that should have solved the starts are gone.
-
-    Starts that were finished before are in the ledger, if there is one.
+    """The processes or the cluster that should have done the work are gone.
 
     Example:
         >>> from ergoqp.errors import ErgoqpError, WorkersError

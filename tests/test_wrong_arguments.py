@@ -193,8 +193,6 @@ LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
             "pose",
             "person",
             "tau_deg",
-            "scheduler",
-            "out",
             "assumptions",
             "progress",
         ),
@@ -231,7 +229,6 @@ TAKEN = {
     ("recording", "text"),
     ("start_time", "negative"),
     ("assumptions", "list of texts"),
-    ("scheduler", "text"),
     ("out", "text"),
 }
 """What is of the right kind after all."""

@@ -35,13 +35,13 @@ from ergoqp.sheets.reba import ACTION_LEVELS
 ABOUT = """Find the best place of the object for one person, offline.
 
 Prints a table and writes optimum.json and report.html. The bound is what would be possible if the
-person also chose the posture. Finished starts are kept: the same command continues a killed run.
+person also chose the posture.
 
 \b
 Examples:
   ergoqp optimise screwing
   ergoqp optimise screwing --from take.bvh --jobs 2   for the person of a recording
-  ergoqp optimise my_task.toml --starts 200 --scheduler tcp://10.0.0.5:8786
+  ergoqp optimise my_task.toml --starts 200 --jobs 4
 """
 
 NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture chosen too"}
@@ -65,8 +65,6 @@ def command(
 ) -> None:
     """Find the best place, print the table, and write ``optimum.json`` and the page.
 
-    Finished starts are kept in `out`, and a run that was killed continues from them.
-
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
@@ -82,7 +80,6 @@ def command(
                 problem,
                 posture,
                 person=person,
-                out=folder,
                 assumptions=notes,
                 progress=done,
                 **asdict(search),

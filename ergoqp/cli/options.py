@@ -225,14 +225,6 @@ class SearchOptions:
     solver: Annotated[
         str, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod.")
     ] = "ipopt"
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="A Dask cluster that solves the starts [this machine].",
-        ),
-    ] = None
 
     def check(self) -> None:
         """Check the options, before anything is read or written.

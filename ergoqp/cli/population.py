@@ -29,8 +29,7 @@ from ergoqp.report.page import plain
 
 ABOUT = """Find everybody's own best place, over statures, hands and loads.
 
-Prints a row for each person and writes population.csv. Finished starts are kept: the same command
-continues a killed study.
+Prints a row for each person and writes population.csv.
 
 \b
 Examples:
@@ -69,12 +68,18 @@ def command(
         typer.Option("--loads-kg", metavar="KG,...", help="Masses of the tool [the problem's]."),
     ] = None,
     out: Annotated[Path | None, out_option("population-PROBLEM")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="A Dask cluster whose workers take the people [this machine].",
+        ),
+    ] = None,
     *,
     search: SearchOptions,
 ) -> None:
     """Find the best place of each person, print the table and write ``population.csv``.
-
-    Finished starts are kept in `out`, and a study that was killed continues from them.
 
     Raises:
         ErgoqpError: if an argument cannot be used.
@@ -92,7 +97,7 @@ def command(
         f" {counted(search.starts, 'start', 'starts')} each"
     )
     with writing(folder), working(effort) as done:
-        found = best_of_population(people, out=folder, progress=done, **asdict(search))
+        found = best_of_population(people, scheduler=scheduler, progress=done, **asdict(search))
         _write(found, folder / "population.csv")
     screen = console()
     print_assumptions(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -56,24 +56,3 @@ class CacheEntry:
             path.parent.mkdir(parents=True, exist_ok=True)
             with whole(path) as scratch:
                 np.savez_compressed(scratch, **arrays)
-
-
-def content_of(value: Any) -> Any:
-    """Return numbers, texts and lists that are equal for objects with equal contents.
-
-    A dataclass becomes its name and its fields, recursively. Any other object becomes the name
-    of its class only.
-    """
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    if isinstance(value, (np.ndarray, np.generic)):
-        return content_of(value.tolist())
-    if isinstance(value, Mapping):
-        return [[content_of(part) for part in pair] for pair in value.items()]
-    if isinstance(value, (list, tuple)):
-        return [content_of(part) for part in value]
-    kind = value if isinstance(value, type) else type(value)
-    name = f"{kind.__module__}.{kind.__qualname__}"
-    if not is_dataclass(kind) or value is kind:
-        return name
-    return [name, [[each.name, content_of(getattr(value, each.name))] for each in fields(value)]]

@@ -37,7 +37,7 @@ from ergoqp.lab.group_search import (
     shared_grid,
 )
 from ergoqp.lab.population import person_of
-from ergoqp.placing.workers import in_order
+from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
 from ergoqp.progress import Progress
 from ergoqp.rest.model_person import Alike

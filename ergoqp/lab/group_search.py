@@ -25,8 +25,8 @@ from ergoqp.arguments import as_tuple, check_real, check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.lab.population import person_of, variant
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.placing.parallel import in_order
 from ergoqp.placing.place import Placing
-from ergoqp.placing.workers import in_order
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import outward, workspace_lines, workspace_map, workspace_poses
 from ergoqp.rest.model_person import Alike, sample_person

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ergoqp.arguments import as_tuple, check_real, shown
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
+from ergoqp.lab.cluster import on_cluster
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
@@ -105,7 +105,6 @@ def best_of_population(
     solver: str = "ipopt",
     *,
     scheduler: str | None = None,
-    out: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Found]:
     """Return the best place of each person, see `ergoqp.placing.optimise.optimise`.
@@ -117,13 +116,13 @@ def best_of_population(
         jobs: as there.
         mode: as there.
         solver: as there.
-        scheduler: as there.
-        out: folder for finished starts, as there.
+        scheduler: address of a Dask scheduler whose workers take the people; None: this machine.
         progress: called with the share that is done.
 
     Raises:
-        InputError: if an option is not usable. A person who reaches no place is not an error;
-            the result is a `Found` with a note.
+        InputError: if an option is not usable, or no scheduler answers. A person who reaches no
+            place is not an error; the result is a `Found` with a note.
+        WorkersError: if the workers of the cluster are gone for good.
 
     Example:
         >>> import ergoqp
@@ -134,28 +133,25 @@ def best_of_population(
         >>> found.label, found.optimum.reba_after <= found.optimum.reba_before
         ('1.60 m', True)
     """
-    everybody = list(people)
-    found = []
-    for number, (label, problem) in enumerate(everybody):
+    calls = [(label, problem, starts, seed, jobs, mode, solver) for label, problem in people]
+    if scheduler is None:
+        results = ((number, _found(*call)) for number, call in enumerate(calls))
+    else:
+        results = on_cluster(_found, calls, scheduler)
+    found: dict[int, Found] = {}
+    for number, each in results:
+        found[number] = each
         if progress is not None:
-            progress(number / len(everybody))
-        try:
-            best = optimise(
-                problem,
-                starts=starts,
-                seed=seed,
-                jobs=jobs,
-                mode=mode,
-                solver=solver,
-                scheduler=scheduler,
-                out=out,
-            )
-            found.append(Found(label, best))
-        except OutOfReachError as nowhere:
-            found.append(Found(label, None, str(nowhere)))
-    if progress is not None:
-        progress(1.0)
-    return found
+            progress(len(found) / len(calls))
+    return [found[number] for number in range(len(calls))]
+
+
+def _found(label: str, problem: Problem, *options: Any) -> Found:
+    starts, seed, jobs, mode, solver = options
+    try:
+        return Found(label, optimise(problem, None, starts, seed, jobs, mode, solver))
+    except OutOfReachError as nowhere:
+        return Found(label, None, str(nowhere))
 
 
 def variant(

@@ -9,27 +9,25 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, check_whole, path_of, sentences
+from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, OneClassBoundary
-from ergoqp.placing.ledger import Ledger, key_of
 from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.placing.parallel import call_packed, in_order, packed
 from ergoqp.placing.place import Place
 from ergoqp.placing.program import Program, Solution, check_names, smooth_cost
-from ergoqp.placing.workers import trials_of
 from ergoqp.problem.problem import Problem
 from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
@@ -266,8 +264,6 @@ def optimise(
     pose: ArrayLike | None = None,
     person: Alike | Body | None = None,
     tau_deg: float = FINAL_TAU_DEG,
-    scheduler: str | None = None,
-    out: str | Path | None = None,
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Optimum:
@@ -294,20 +290,17 @@ def optimise(
             response.
         tau_deg: scale of the smooth score in the last stage [deg]; not used by a cost that is
             not the smooth score.
-        scheduler: address of a Dask scheduler whose workers solve the starts; None: this
-            machine.
-        out: folder for finished starts. A run with the same inputs continues from them.
         assumptions: sentences on earlier assumptions, for the report.
         progress: called with the share of the starts that is done.
 
     Returns:
-        The best place and all starts. The result does not depend on `jobs` or `scheduler`.
+        The best place and all starts. The result does not depend on `jobs`.
 
     Raises:
         InputError: if an argument is not usable, or no start ends at a place that the limits
             allow and the person reaches.
-        MissingExtraError: if a package for several processes or a cluster is not installed.
-        OSError: if `out` cannot be written.
+        MissingExtraError: if a package for several processes is not installed.
+        WorkersError: if one of the processes was ended.
 
     Example:
         >>> import ergoqp
@@ -320,8 +313,6 @@ def optimise(
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         check_whole(name, value, least)
     check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
-    out = None if out is None else path_of("out", out)
-    check_kind("scheduler", scheduler, (str, type(None)), "the address of a Dask scheduler or None")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
     follower = _follower(problem, person)
@@ -340,7 +331,7 @@ def optimise(
     begin = begin_from(follower, given, pose)
     task = PlaceTask(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     Place.of(problem).anchor(problem, begin.pose)
-    trials = _solve(task, int(starts), int(jobs), scheduler, out, progress)
+    trials = _solve(task, int(starts), int(jobs), progress)
     best = _best(problem, trials)
     return Optimum(
         problem=problem.name,
@@ -377,38 +368,31 @@ def _follower(problem: Problem, person: Alike | Body | None) -> Alike:
     return Alike(response if person is None else replace(response, body=person))
 
 
-def _solve(
-    task: PlaceTask,
-    starts: int,
-    jobs: int,
-    scheduler: str | None,
-    out: str | Path | None,
-    progress: Progress | None,
-) -> list[Trial]:
-    """Return the trials of all starts, in order. Starts that an earlier run finished are reused."""
-    key = key_of(task)
-    ledger = None
-    if out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        ledger = Ledger(Path(out), key)
-    trials = {
-        number: trial
-        for number, trial in (ledger.trials if ledger else {}).items()
-        if number < starts and _stands(task.problem, trial)
-    }
-    missing = [number for number in range(starts) if number not in trials]
-    for trial in trials_of(key, task, missing, jobs, scheduler):
-        trials[trial.number] = trial
-        if ledger is not None:
-            ledger.add(trial)
+def _solve(task: PlaceTask, starts: int, jobs: int, progress: Progress | None) -> list[Trial]:
+    """Return the trials of all starts, in order."""
+    found: Iterable[Trial]
+    if jobs > 1:
+        [sent] = packed("jobs", [(task,)])
+        found = in_order(_solve_start, [(sent, number) for number in range(starts)], jobs)
+    else:
+        solver = StartSolver(task)
+        found = (solver.start(number) for number in range(starts))
+    trials = []
+    for trial in found:
+        trials.append(trial)
         if progress is not None:
             progress(len(trials) / starts)
-    return [trials[number] for number in range(starts)]
+    return trials
 
 
-def _stands(problem: Problem, trial: Trial) -> bool:
-    """Return whether the limits still allow the end of a start of an earlier run."""
-    return not trial.reba or not problem.own_limits.broken(trial.pose, trial.posture)
+def _solve_start(sent: bytes, number: int) -> Trial:
+    return _solver_of(sent).start(number)
+
+
+@lru_cache(maxsize=4)
+def _solver_of(sent: bytes) -> StartSolver:
+    """Return the solver of a task in another process, which builds the program only once."""
+    return call_packed(StartSolver, sent)
 
 
 def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.placing.workers import in_order
+from ergoqp.placing.parallel import in_order
 from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import outward, settle_in_order

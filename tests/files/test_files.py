@@ -17,8 +17,7 @@ from ergoqp.errors import ErgoqpError, InputError, ModelError
 from ergoqp.files.read import LARGEST, json_of, read_json, read_npz, read_toml
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.paths import data_folder
-from ergoqp.placing.ledger import FILE, Ledger
-from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import load_problem
 
 
@@ -131,32 +130,6 @@ def test_text_that_is_none_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"problem: file\.json: not a TOML file"):
         read_toml(path, "problem")
     assert json_of("1.5", "number") == 1.5
-
-
-def test_a_ledger_takes_over_nothing_that_is_no_trial(tmp_path: Path) -> None:
-    good = Trial(1, np.eye(4), np.zeros(32), 3, 2.5, 1e-9, 0.0, 0.1)
-    Ledger(tmp_path, "k").add(good)
-    line = (tmp_path / FILE).read_text(encoding="utf-8")
-    broken = [
-        line.replace("2.5", "NaN"),
-        line.replace("2.5", '"2.5"'),
-        line.replace('"number": 1', '"number": true'),
-        line.replace("[[1.0,", "[[NaN,"),
-        line.replace('"reba": 3', '"reba": null'),
-        line[:50] + "\n",
-        "[]\n",
-        "[" * 5000 + "\n",
-    ]
-    assert all(other != line for other in broken)
-    for other in broken:
-        (tmp_path / FILE).write_text(other, encoding="utf-8")
-        ledger = Ledger(tmp_path, "k")
-        assert ledger.trials == {}
-        # And what is added afterwards is not lost to the half line before it.
-        ledger.add(good)
-        assert list(Ledger(tmp_path, "k").trials) == [1]
-    (tmp_path / FILE).write_text(line.replace("2.5", "Infinity"), encoding="utf-8")
-    assert list(Ledger(tmp_path, "k").trials) == [1]
 
 
 @pytest.mark.slow
