@@ -116,7 +116,12 @@ def _collected(client: Any, futures: Mapping[Any, int]) -> Iterator[tuple[int, A
                 failed = future.exception() if future.status == "error" else None
                 if failed is not None:
                     break
-                yield futures[future], future.result()
+                try:
+                    result = future.result(timeout=TIMEOUT if future.status == "finished" else 0)
+                except TimeoutError:  # it was lost with its worker, and is computed again
+                    pending.add(future)
+                    continue
+                yield futures[future], result
             seen = time.monotonic()
     except (OSError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
         raise WorkersError(f"{where} does not answer any more ({_words(error)})") from None

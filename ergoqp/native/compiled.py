@@ -1,4 +1,4 @@
-"""CasADi functions as machine code: generated, compiled once with DAQP, kept in the cache.
+"""CasADi functions as machine code: generated, compiled once with DAQP, kept in the cache."""
 
 from __future__ import annotations
 

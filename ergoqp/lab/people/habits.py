@@ -1,4 +1,4 @@
-"""Bodies, habits and tasks of people: proportions, favourite postures, points of the body.
+"""Bodies, habits and tasks of people: proportions, favourite postures, points of the body."""
 
 from __future__ import annotations
 
