@@ -172,17 +172,20 @@ class Interruptions:
         A call that has returned its answer was not.
         """
         longest = self._seconds.get(name, 1e-3)
+        armed = True
 
         def handler(*_: object) -> None:
-            raise Interrupt
+            # The timer may run out before it is stopped, and the handler be called after it.
+            if armed:
+                raise Interrupt
 
         usual, answer, start = signal.signal(signal.SIGALRM, handler), None, time.perf_counter()
         try:
             signal.setitimer(signal.ITIMER_REAL, self._dice.uniform(1e-6, 1.2 * longest))
             answer = make()
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            armed = False
         except Interrupt:
-            pass
+            armed = False
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, usual)
