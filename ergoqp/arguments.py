@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final
+from types import NoneType
+from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
+from annotated_types import Ge, GroupedMetadata, Le
 
 from ergoqp.errors import ErgoqpError, InputError
 
@@ -99,7 +103,10 @@ def check_number(
         ErgoqpError: `error`, if the value is not a number from `low` to `high`.
     """
     if not (_is_real(value) and low <= value <= high):
-        end, kind = f" {unit}" if unit else "", "" if _is_real(value) else "a number from "
+        end, kind = (
+            f" {unit}" if unit not in ("", "share") else "",
+            "" if _is_real(value) else "a number from ",
+        )
         unlike = "" if kind else perhaps([value], low, high, unit)
         raise error(
             f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to"
@@ -205,6 +212,83 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
         if array.size > _FEW:
             found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
     raise InputError(f"{what}: got {found or shown(value)}, allowed {allowed}")
+
+
+@dataclass(frozen=True)
+class Range(GroupedMetadata):
+    """What a number of a parameter may be, stated once for the object, the file and the pages.
+
+    Attributes:
+        low: least value.
+        high: greatest value.
+        unit: of the number; empty if it has none.
+        usual: least and greatest value beside a person, if there are such; a value outside usually
+            has the wrong unit.
+
+    Example:
+        >>> from typing import Annotated
+        >>> from ergoqp.arguments import Range
+        >>> Stature = Annotated[float, Range(1.2, 2.3, "m")]
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    usual: tuple[float, float] | None = None
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the ends as pydantic knows them."""
+        if self.low > -math.inf:
+            yield Ge(self.low)
+        if self.high < math.inf:
+            yield Le(self.high)
+
+
+def check_parameters(
+    term: Any, prefix: str = "", error: type[ErgoqpError] = InputError, **otherwise: str
+) -> None:
+    """Check the fields of a dataclass by their types; a flag becomes a bool.
+
+    Numbers must be in their `Range`, alone or as values of a table, and words among those of their
+    ``Literal``. Fields of other types are left to the term.
+
+    Args:
+        term: the object.
+        prefix: before the name of each field, for the message.
+        error: type of the error to raise.
+        otherwise: what a field is called in the message, where it is not its name.
+
+    Raises:
+        ErgoqpError: `error`, if a value is not allowed.
+    """
+    for name, hint in _hints(type(term)).items():
+        what, value = prefix + otherwise.get(name, name), getattr(term, name)
+        if hint is bool:
+            object.__setattr__(term, name, flag(what, value, error))
+        else:
+            _check(what, value, hint, error)
+
+
+def _check(what: str, value: Any, hint: Any, error: type[ErgoqpError]) -> None:
+    kind, parts = get_origin(hint), get_args(hint)
+    if kind is Annotated:
+        for each in hint.__metadata__:
+            if isinstance(each, Range):
+                check_number(what, value, each.low, each.high, each.unit, error)
+    elif kind is Literal:
+        check_word(what, value, parts, error)
+    elif NoneType in parts:
+        if value is not None:
+            _check(what, value, next(each for each in parts if each is not NoneType), error)
+    elif kind is Mapping and isinstance(value, Mapping):
+        for key, each in value.items():
+            _check(f"{what} of {key}", each, parts[1], error)
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {each.name: hints[each.name] for each in fields(kind)}
 
 
 def check_kind(

@@ -6,24 +6,20 @@ Projection keeps the length exactly at every step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_number, check_text
+from ergoqp.arguments import Range, check_parameters, check_text
 from ergoqp.coordinates import FOREARM
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import RECOVERY_TIMES, Expression, Rows, Situation
+from ergoqp.limits.limit import Expression, Recovery, Rows, Situation
 from ergoqp.limits.twist import TwistLimit
 
 RETURN: Final = 0.05
 """Share of the acceleration that corrects a wrong length."""
-
-_SHORTEST: Final = 1e-3
-_LONGEST: Final = 100.0
-"""Range of lengths for which the arithmetic of a step is exact [m]."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +54,10 @@ class ArmLength:
         [[0.025, 0.0, 0.0, 0.275, 0.0, 0.0]]
     """
 
-    length: float
+    length: Annotated[float, Range(1e-3, 100.0, "m", (0.1, 0.5))]
     name: str = "arm length"
-    tolerance: float = 1e-6
-    recovery_time: float = 1.0
+    tolerance: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
+    recovery_time: Recovery = 1.0
     yield_zone = 0.0
     hard = True
     proven = False
@@ -75,9 +71,7 @@ class ArmLength:
     def __post_init__(self) -> None:
         """Check the numbers and the name."""
         check_text("name", self.name)
-        check_number("arm length", self.length, _SHORTEST, _LONGEST, "m")
-        check_number(f"{self.name} tolerance", self.tolerance, 0.0, 1.0, "m")
-        check_number(f"{self.name} recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
+        check_parameters(self, f"{self.name} ")
 
     @property
     def names(self) -> tuple[str, ...]:

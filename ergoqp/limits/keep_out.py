@@ -12,16 +12,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar, Final, Protocol
+from typing import Annotated, Any, ClassVar, Final, Protocol
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_number, check_text, object_of, read_array, shown
+from ergoqp.arguments import Range, check_parameters, check_text, object_of, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions.linear import dense
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
+from ergoqp.limits.limit import Recovery, Rows, Situation, straight_margins
 
 _TINY: Final = 1e-30
 """Keeps the slope of a square root finite [m^2]."""
@@ -37,6 +37,10 @@ _SAMPLES: Final = ((0.31, -0.42, 1.13), (-1.7, 2.3, 0.2), (0.04, 0.07, -0.9))
 
 _UNIT: Final = 1e-6
 """Tolerance of the length of a unit vector."""
+
+
+_Coordinate = Annotated[float, Range(unit="m", usual=(-10.0, 10.0))]
+_Point = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class Region(Protocol):
@@ -82,7 +86,7 @@ class HalfSpace:
     """
 
     normal: tuple[float, float, float]
-    offset: float
+    offset: Annotated[float, Range(-_LARGEST, _LARGEST, "m", (-10.0, 10.0))]
     flat: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -92,7 +96,7 @@ class HalfSpace:
         if length < 1e-9:
             raise InputError(f"keep_out normal: got {self.normal}, allowed any vector but zero")
         object.__setattr__(self, "normal", tuple((normal / length).tolist()))
-        check_number("keep_out offset", self.offset, -_LARGEST, _LARGEST, "m")
+        check_parameters(self, "keep_out ")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction. The direction is the normal everywhere."""
@@ -120,14 +124,14 @@ class Ball:
         0.8
     """
 
-    centre: tuple[float, float, float]
-    radius: float
+    centre: _Point
+    radius: Annotated[float, Range(0.0, _LARGEST, "m", (0.005, 5.0))]
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         centre = _three("keep_out centre", self.centre)
         object.__setattr__(self, "centre", tuple(centre.tolist()))
-        check_number("keep_out radius", self.radius, 0.0, _LARGEST, "m")
+        check_parameters(self, "keep_out ")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction: away from the centre, and up at the centre itself."""
@@ -156,8 +160,8 @@ class Box:
         1.0
     """
 
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
+    lower: _Point
+    upper: _Point
 
     def __post_init__(self) -> None:
         """Check the numbers, and that the box is not empty."""
@@ -219,8 +223,8 @@ class KeepOut:
     """
 
     region: Region
-    tolerance: float = 1e-6
-    recovery_time: float = 2.0
+    tolerance: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
+    recovery_time: Recovery = 2.0
     name: str = "keep out"
     hard = True
     proven = False
@@ -241,8 +245,7 @@ class KeepOut:
         if not isinstance(self.region, (HalfSpace, Ball, Box)):
             _check_nearest(self.region)
         check_text("keep_out name", self.name)
-        check_number("keep_out tolerance", self.tolerance, 0.0, 1.0)
-        check_number("keep_out recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
+        check_parameters(self, "keep_out ")
 
     @property
     def tangent(self) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol
+from typing import Annotated, Any, Final, Protocol
 
 import casadi as ca
 
+from ergoqp.arguments import Range
 from ergoqp.errors import ProblemError
 
 Expression = Any
@@ -181,6 +182,8 @@ class Rows:
 
 RECOVERY_TIMES: Final = (1e-3, 1e3)
 """Least and greatest `Limit.recovery_time` [s]."""
+
+Recovery = Annotated[float, Range(*RECOVERY_TIMES, "s")]
 
 
 class Limit(Protocol):

@@ -6,13 +6,14 @@ The row holds through the whole stop.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import casadi as ca
 
-from ergoqp.arguments import check_number, check_text, flag, object_of, shown
+from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
 from ergoqp.errors import InputError
 from ergoqp.learning.one_class import OneClass
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation
+from ergoqp.limits.limit import Recovery, Rows, Situation
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +57,8 @@ class OneClassBoundary:
 
     model: OneClass
     hard: bool = False
-    tolerance: float = 1e-9
-    recovery_time: float = 0.25
+    tolerance: Annotated[float, Range(0.0, 1e3)] = 1e-9
+    recovery_time: Recovery = 0.25
     name: str = "boundary"
     yield_zone = 0.0
     proven = True
@@ -73,9 +74,7 @@ class OneClassBoundary:
                 allowed = object_of(self.model)
             raise InputError(f"model: got {shown(self.model)}, allowed {allowed}")
         check_text("name", self.name)
-        object.__setattr__(self, "hard", flag("hard", self.hard))
-        check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
-        check_number("tolerance", self.tolerance, 0.0, 1e3)
+        check_parameters(self)
 
     @property
     def returns(self) -> tuple[bool, ...]:

@@ -6,11 +6,11 @@ The bounds that follow for one period are in `ergoqp.limits.stop`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number, names_of, shown
+from ergoqp.arguments import Range, check_parameters, names_of, shown
 from ergoqp.errors import InputError
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -21,10 +21,6 @@ Example:
     >>> AXES
     ('x', 'y', 'z', 'rx', 'ry', 'rz')
 """
-
-_LEAST: Final = 1e-9
-_GREATEST: Final = 1e6
-"""Range of plausible speeds and accelerations of an object."""
 
 
 @dataclass(frozen=True)
@@ -54,23 +50,16 @@ class TwistLimit:
         [0.1, 0.1, 0.1, 0.0, 0.0, 0.0]
     """
 
-    linear_speed: float = 0.20
-    angular_speed: float = 0.80
-    linear_acceleration: float = 0.60
-    angular_acceleration: float = 2.50
+    linear_speed: Annotated[float, Range(1e-9, 1e6, "m/s", (0.005, 1.0))] = 0.20
+    angular_speed: Annotated[float, Range(1e-9, 1e6, "rad/s", (0.02, 4.0))] = 0.80
+    linear_acceleration: Annotated[float, Range(1e-9, 1e6, "m/s^2", (0.02, 5.0))] = 0.60
+    angular_acceleration: Annotated[float, Range(1e-9, 1e6, "rad/s^2", (0.05, 20.0))] = 2.50
     axes: tuple[str, ...] = AXES
-    aside: float = 0.0
+    aside: Annotated[float, Range(0.0, 1e3, "m/s^2")] = 0.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in (
-            "linear_speed",
-            "angular_speed",
-            "linear_acceleration",
-            "angular_acceleration",
-        ):
-            check_number(name, getattr(self, name), _LEAST, _GREATEST)
-        check_number("aside", self.aside, 0.0, 1e3)
+        check_parameters(self)
         allowed = f"some of {', '.join(AXES)}, each once"
         object.__setattr__(self, "axes", names_of("axes", self.axes, allowed))
         if set(self.axes) - set(AXES) or len(set(self.axes)) != len(self.axes):

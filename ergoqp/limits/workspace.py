@@ -6,21 +6,21 @@ Both are hard rows on the object side.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_number, read_array
+from ergoqp.arguments import Range, check_parameters, read_array
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import turned
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
-
-_NARROWEST: Final = 1e-6
-"""Smallest half angle of a cone [deg]."""
+from ergoqp.limits.limit import Recovery, Rows, Situation, straight_margins
 
 _AXIS_NAMES: Final = ("x", "y", "z")
+
+_Coordinate = Annotated[float, Range(unit="m", usual=(-3.0, 3.0))]
+_Point = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ class WorkspaceBox:
         ('workspace x', 'workspace y', 'workspace z')
     """
 
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-    tolerance: float = 1e-6
-    recovery_time: float = 2.0
+    lower: _Point
+    upper: _Point
+    tolerance: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
+    recovery_time: Recovery = 2.0
     hard = True
     proven = False
     yield_zone = 0.0
@@ -70,8 +70,7 @@ class WorkspaceBox:
                 f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <="
                 " upper"
             )
-        check_number("workspace tolerance", self.tolerance, 0.0, 1.0)
-        check_number("workspace recovery_time", self.recovery_time, *RECOVERY_TIMES)
+        check_parameters(self, "workspace ")
 
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
@@ -124,9 +123,9 @@ class AxisCone:
     """
 
     direction: tuple[float, float, float]
-    half_angle_deg: float
-    tolerance: float = 1e-6
-    recovery_time: float = 2.0
+    half_angle_deg: Annotated[float, Range(1e-6, 170.0, "deg", (3.2, 170.0))]
+    tolerance: Annotated[float, Range(0.0, 1.0, "rad")] = 1e-6
+    recovery_time: Recovery = 2.0
     hard = True
     proven = False
     yield_zone = 0.0
@@ -147,9 +146,7 @@ class AxisCone:
                 " long"
             )
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
-        check_number("half_angle_deg", self.half_angle_deg, _NARROWEST, 170.0, "deg")
-        check_number("tool axis tolerance", self.tolerance, 0.0, 1.0)
-        check_number("tool axis recovery_time", self.recovery_time, *RECOVERY_TIMES)
+        check_parameters(self, "tool axis ")
 
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""

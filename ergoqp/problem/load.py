@@ -24,9 +24,6 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import (
     ArmLength,
     AxisCone,
-    Ball,
-    Box,
-    HalfSpace,
     JointLimit,
     KeepOut,
     OneClassBoundary,
@@ -37,16 +34,13 @@ from ergoqp.paths import data_folder
 from ergoqp.problem.messages import full_keys, given_tables, listed, mistakes, unusual
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.schema import (
-    FileTable,
-    JointsTable,
-    PointSpeedTable,
-    ResponseTable,
-    SmoothRebaTable,
+    REGIONS,
     TaskTable,
-    TwistTable,
     build_own,
     file_table,
+    given,
     own_tables,
+    point_speed,
 )
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.responses import IkResponse, LinearResponse, Response
@@ -54,21 +48,15 @@ from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method
 
 
-def _point_speed(speed: float, acceleration: float) -> TwistLimit:
-    """Return the bounds on the velocities of two points, the same for all axes."""
-    return TwistLimit(speed, speed, acceleration, acceleration)
+def _keep_out(**keys: Any) -> KeepOut:
+    """Return a region that the contact point stays out of; exactly one of `REGIONS` is given."""
+    kind = next(kind for kind in keys if kind in REGIONS)
+    return KeepOut(REGIONS[kind](**keys.pop(kind)), **keys)
 
 
-_REGIONS: Final = {"half_space": HalfSpace, "ball": Ball, "box": Box}
-
-
-def _keep_out(name: str, tolerance: float, recovery_time: float, **regions: Any) -> KeepOut:
-    """Return a region that the contact point stays out of; exactly one of `_REGIONS` is given."""
-    kind, values = next((kind, values) for kind, values in regions.items() if values is not None)
-    return KeepOut(_REGIONS[kind](**values), tolerance, recovery_time, name)
-
-
-def _ik(folder: Path, stature: float | None, person: str | None, **keys: Any) -> IkResponse:
+def _ik(
+    folder: Path, stature: float | None = None, person: str | None = None, **keys: Any
+) -> IkResponse:
     """Return the response of a person: of average proportions, or from a person file."""
     if person is None:
         return IkResponse(body=Body() if stature is None else Body.of_stature(stature), **keys)
@@ -90,24 +78,24 @@ class _Given:
         folder: folder that paths are relative to.
     """
 
-    file: FileTable
+    file: Any
     sheet: dict[str, Any]
     folder: Path
 
 
-def _smooth_reba(given: _Given, **keys: Any) -> SmoothReba:
+def _smooth_reba(of_file: _Given, **keys: Any) -> SmoothReba:
     """Return the smooth REBA score of the task."""
-    return SmoothReba(**keys, **given.sheet)
+    return SmoothReba(**keys, **of_file.sheet)
 
 
-def _learned(given: _Given, model: str) -> LearnedCost:
+def _learned(of_file: _Given, model: str) -> LearnedCost:
     """Return the learned cost of a file."""
     # A learned cost has the options of its data. Other options would be silently ignored.
-    if given.file.task != TaskTable():
+    if of_file.file.task != TaskTable():
         raise ProblemError(
             "cost.learned: got options in [task], allowed none: the cost was learned without them"
         )
-    return load_cost(find_model(model, given.folder))
+    return load_cost(find_model(model, of_file.folder))
 
 
 # Registration: one line per kind of term; the table's fields are the keyword arguments.
@@ -126,7 +114,7 @@ LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "workspace": WorkspaceBox,
     "tool_axis": AxisCone,
     "keep_out": _keep_out,
-    "point_speed": _point_speed,
+    "point_speed": point_speed,
     "arm_length": ArmLength,
     "one_class_boundary": OneClassBoundary,
 }
@@ -183,7 +171,7 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
         file = table.model_validate(raw)
     except ValidationError as error:
         raise ProblemError(listed(name, mistakes(table, error))) from None
-    if found := unusual(raw, file.unusual):
+    if found := unusual(table, raw, file.unusual):
         raise ProblemError(listed(name, found))
     try:
         return _build(file, name, folder or Path())
@@ -193,20 +181,20 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
         raise ProblemError(f"{name}: {error}") from None
 
 
-def _build(file: FileTable, name: str, folder: Path) -> Problem:
+def _build(file: Any, name: str, folder: Path) -> Problem:
     response = _response(file.response, folder)
     # The stance alone says whether the person sits, also for the sheet.
     seated = getattr(response, "stance", None) == "seated"
-    task = file.task.model_dump() | {"seated": seated}
-    method = Method(**task.pop("method"))
+    task = given(file.task) | {"seated": seated}
+    method = Method(**task.pop("method", {}))
     return Problem(
         cost=_cost(file, {**task, "method": method}, folder),
         response=response,
         limits=_limits(file, folder, tuple(response.coordinates) == JOINTS),
         dt=file.dt,
-        control=Control(**file.control.model_dump()),
-        robot=DeclaredRobot(**file.robot.model_dump()),
-        frames=Frames(**file.frames.model_dump()),
+        control=Control(**given(file.control)),
+        robot=DeclaredRobot(**given(file.robot)),
+        frames=Frames(**given(file.frames)),
         task=TaskOptions(**task),
         method=method,
         name=name,
@@ -214,32 +202,31 @@ def _build(file: FileTable, name: str, folder: Path) -> Problem:
     )
 
 
-def _response(table: ResponseTable, folder: Path) -> Response:
+def _response(table: Any, folder: Path) -> Response:
     for name, own in own_tables(table).items():
         return build_own("response", name, own)
     ((name, keys),) = given_tables(table).items()
-    values = keys.model_dump()
+    values = given(keys)
     with full_keys({f"response.{name}": values}):
         return RESPONSES[name](folder, **values)
 
 
-def _cost(file: FileTable, sheet: dict[str, Any], folder: Path) -> Any:
+def _cost(file: Any, sheet: dict[str, Any], folder: Path) -> Any:
     for name, own in own_tables(file.cost).items():
         return build_own("cost", name, own)
-    ((name, keys),) = (given_tables(file.cost) or {"smooth_reba": SmoothRebaTable()}).items()
-    values = keys.model_dump()
+    ((name, values),) = (given(file.cost) or {"smooth_reba": {}}).items()
     with full_keys({f"cost.{name}": values, "task": sheet}):
         return COSTS[name](_Given(file, sheet, folder), **values)
 
 
-def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
+def _limits(file: Any, folder: Path, of_person: bool) -> list[Any]:
     own = own_tables(file.limits)
-    limits = file.limits.model_dump(exclude_none=True, include=set(LIMITS))
+    limits = {key: one for key, one in given(file.limits).items() if key in LIMITS}
     if of_person:
         # A person always has joint limits, and an object always has a twist limit.
-        limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
+        limits = {"twist": {}, "joints": {}} | limits
     elif "point_speed" not in limits:
-        limits["point_speed"] = PointSpeedTable().model_dump()
+        limits["point_speed"] = {}
     listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
     made = [
         _limit(

@@ -14,10 +14,10 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from ergoqp.arguments import perhaps
+from ergoqp.arguments import Range, perhaps
 from ergoqp.errors import ErgoqpError, InputError
 
 
@@ -29,12 +29,6 @@ def as_tuple(value: Any) -> Any:
 def as_list(value: Any) -> Any:
     """Return a single table as a list of one."""
     return [value] if isinstance(value, dict) else value
-
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(as_tuple)]
 
 
 def keys_of(table: type[BaseModel]) -> dict[str, str]:
@@ -71,10 +65,17 @@ class Place:
         kind: type of the value.
         bounds: what pydantic checks besides: ``ge``, ``gt``, ``le``, ``lt``, ``min_length``,
             ``max_length``.
+        limits: the range of a number, if the parameter states one.
     """
 
     kind: Any
     bounds: Mapping[str, Any]
+    limits: Range | None = None
+
+    @property
+    def unit(self) -> str:
+        """Unit of a number; empty if it has none or is not known."""
+        return self.limits.unit if self.limits else ""
 
     @property
     def range(self) -> tuple[float, float]:
@@ -82,10 +83,10 @@ class Place:
         low, high = (self.bounds.get(one, self.bounds.get(other)) for one, other in _ENDS)
         return (-math.inf if low is None else low), (math.inf if high is None else high)
 
-    def range_in_words(self, unit: str) -> str:
+    def range_in_words(self) -> str:
         """Return the range of a number, such as "1.2 to 2.3 m"; empty if it has none."""
         low, high = self.range
-        end = f" {unit}" if unit and unit != "share" else ""
+        end = f" {self.unit}" if self.unit not in ("", "share") else ""
         if "ge" in self.bounds and "le" in self.bounds:
             return f"{low:g} to {high:g}{end}"
         words = [
@@ -100,10 +101,10 @@ class Place:
         ]
         return " and ".join(words) + end if words else ""
 
-    def in_words(self, unit: str) -> str:
+    def in_words(self) -> str:
         """Return what is allowed: type, range, and number of entries; empty if not known."""
         words = _kind_in_words(self.kind)
-        if self.kind in (int, float) and (size := self.range_in_words(unit)):
+        if self.kind in (int, float) and (size := self.range_in_words()):
             both = "ge" in self.bounds and "le" in self.bounds
             return f"{words} {'from ' if both else 'of ' if size.startswith('at') else ''}{size}"
         least, most = (self.bounds.get(f"{end}_length") for end in ("min", "max"))
@@ -115,6 +116,7 @@ class Place:
 
 
 _ENDS: Final = (("ge", "gt"), ("le", "lt"))
+_BOUNDS: Final = ("ge", "gt", "le", "lt", "min_length", "max_length")
 
 
 def _end(least: int | None, most: int | None) -> str:
@@ -137,7 +139,7 @@ def place_of(table: type[BaseModel], path: Sequence[int | str]) -> Place | None:
                 return None
             field = kind.model_fields[name]
             place = _place(field.annotation, field.metadata)
-        elif get_origin(kind) is dict and isinstance(part, str):
+        elif get_origin(kind) in (dict, Mapping) and isinstance(part, str):
             place = _place(parts[1], ())
         elif get_origin(kind) in (list, tuple) and isinstance(part, int):
             fixed = get_origin(kind) is tuple and Ellipsis not in parts
@@ -152,28 +154,31 @@ def place_of(table: type[BaseModel], path: Sequence[int | str]) -> Place | None:
 def _place(annotation: Any, metadata: Sequence[Any]) -> Place:
     """Return a type without `Annotated` and None, and the bounds that stood there."""
     bounds: dict[str, Any] = {}
+    limits = None
     while True:
         for each in metadata:
             for one in each.metadata if isinstance(each, FieldInfo) else [each]:
-                names = ("ge", "gt", "le", "lt", "min_length", "max_length")
-                bounds |= {name: getattr(one, name) for name in names if hasattr(one, name)}
+                limits = one if isinstance(one, Range) else limits
+                for part in one if isinstance(one, Range) else [one]:
+                    found = {name: getattr(part, name, None) for name in _BOUNDS}
+                    bounds |= {name: end for name, end in found.items() if end is not None}
         metadata = ()
         if get_origin(annotation) is Annotated:
             annotation, *metadata = get_args(annotation)
         elif get_origin(annotation) in (Union, UnionType):
             parts = [each for each in get_args(annotation) if each is not NoneType]
             if len(parts) != 1:
-                return Place(annotation, bounds)
+                return Place(annotation, bounds, limits)
             annotation = parts[0]
         else:
-            return Place(annotation, bounds)
+            return Place(annotation, bounds, limits)
 
 
 def _kind_in_words(kind: Any) -> str:
     """Return a type in words; empty for one that has none."""
     if kind in _ONE:
         return _ONE[kind][0]
-    if get_origin(kind) is dict or kind is dict:
+    if dict in (kind, get_origin(kind)) or Mapping in (kind, get_origin(kind)):
         return "a table"
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return "a table"
@@ -217,9 +222,9 @@ def listing(names: Sequence[str] | Mapping[str, Any]) -> str:
     return f"{', '.join(most)} and {last}" if most else last
 
 
-def out_of_range(place: Place, value: Any, unit: str) -> str:
+def out_of_range(place: Place, value: Any) -> str:
     """Return the range that a number is outside of, and the unit in which it would be inside."""
-    return f"{place.range_in_words(unit)}{perhaps([value], *place.range, unit)}"
+    return f"{place.range_in_words()}{perhaps([value], *place.range, place.unit)}"
 
 
 def nearest(got: str, allowed: Sequence[str]) -> str | None:
@@ -242,68 +247,28 @@ def nearest_first(got: str, allowed: Sequence[str], required: bool = False) -> l
     ]
 
 
-_USUAL: Final[dict[str, tuple[float, float, str]]] = {
-    "limits.twist.linear_speed": (0.005, 1.0, "m/s"),
-    "limits.twist.angular_speed": (0.02, 4.0, "rad/s"),
-    "limits.twist.linear_acceleration": (0.02, 5.0, "m/s^2"),
-    "limits.twist.angular_acceleration": (0.05, 20.0, "rad/s^2"),
-    "limits.point_speed.speed": (0.005, 1.0, "m/s"),
-    "limits.point_speed.acceleration": (0.02, 5.0, "m/s^2"),
-    "limits.workspace.lower": (-3.0, 3.0, "m"),
-    "limits.workspace.upper": (-3.0, 3.0, "m"),
-    "limits.arm_length.length": (0.1, 0.5, "m"),
-    "limits.tool_axis.half_angle_deg": (3.2, 170.0, "deg"),
-    "limits.joints.rate_deg": (6.3, 720.0, "deg/s"),
-    "cost.smooth_reba.taus_deg": (0.1, 45.0, "deg"),
-    "limits.keep_out.ball.centre": (-10.0, 10.0, "m"),
-    "limits.keep_out.ball.radius": (0.005, 5.0, "m"),
-    "limits.keep_out.box.lower": (-10.0, 10.0, "m"),
-    "limits.keep_out.box.upper": (-10.0, 10.0, "m"),
-    "limits.keep_out.half_space.offset": (-10.0, 10.0, "m"),
-    "task.load_kg": (0.0, 50.0, "kg"),
-}
-"""Usual ranges beside a person. A value outside usually has the wrong unit."""
-
-_UNITS: Final = {
-    "dt": "s",
-    "response.ik.stature": "m",
-    "response.ik.seat_height": "m",
-    "robot.delay": "s",
-    "robot.lag": "s",
-    "robot.gain_error": "share",
-    "robot.pose_delay": "s",
-    "robot.pose_noise": "m",
-    "robot.longest_hold": "s",
-}
-"""Units of keys that have a range and no usual one."""
-
 _ANGLES: Final = ("response.ik.comfort_deg", "limits.joints.ranges_deg")
 """Tables of angles in degrees. Usually at least one angle is larger than pi."""
 
 
-def unit_of(key: str) -> str:
-    """Return the unit of the number of a key; empty if it has none or is not known."""
-    if key in _USUAL:
-        return _USUAL[key][2]
-    return _UNITS.get(key, "deg" if key.endswith("_deg") else "")
-
-
-def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
+def unusual(table: type[BaseModel], raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
     """Return a sentence for each number that is unusual beside a person.
 
     Numbers whose key is in `meant` are left out.
 
     Args:
+        table: table that the file was read as.
         raw: tables of a file without mistakes.
         meant: keys whose unusual values are meant.
     """
-    known = {*_USUAL, *_ANGLES}
+    usual = dict(_usual(table))
+    known = {*usual, *_ANGLES}
     found = [
         f"unusual: got {key!r}, allowed {', '.join(nearest_first(key, sorted(known)))}"
         for key in meant
         if key not in known
     ]
-    for key, (low, high, unit) in _USUAL.items():
+    for key, (low, high, unit) in usual.items():
         strange = [each for each in _numbers(_value(raw, key)) if not low <= each <= high]
         if strange and key not in meant:
             found.append(
@@ -318,6 +283,21 @@ def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
                 f" radians{_if_meant(key)}"
             )
     return found
+
+
+def _usual(
+    table: type[BaseModel], above: str = ""
+) -> Iterator[tuple[str, tuple[float, float, str]]]:
+    """Yield (key, (least, greatest, unit)) for all numbers that have a usual range."""
+    for key, name in keys_of(table).items():
+        field = table.model_fields[name]
+        for inner in _tables(field.annotation):
+            yield from _usual(inner, f"{above}{key}.")
+        place = _place(field.annotation, field.metadata)
+        for one in (place, *(_place(each, ()) for each in get_args(place.kind))):
+            if one.limits is not None and one.limits.usual is not None:
+                yield f"{above}{key}", (*one.limits.usual, one.limits.unit)
+                break
 
 
 def _if_meant(key: str) -> str:
@@ -412,11 +392,10 @@ def _sentence(table: type[BaseModel], item: dict[str, Any], required: bool) -> s
     if kind == "missing":
         return f"{key}: got nothing, required"
     got, place = f"got {as_written(item['input'])}", place_of(table, path)
-    unit = unit_of(".".join(part for part in path if isinstance(part, str)))
-    if place and kind in _RANGES and (size := out_of_range(place, item["input"], unit)):
+    if place and kind in _RANGES and (size := out_of_range(place, item["input"])):
         return f"{key}: {got}, allowed {size}"
     if kind in _KINDS or kind in _LENGTHS:
-        words = place.in_words(unit) if place else ""
+        words = place.in_words() if place else ""
         if words or kind in _KINDS:
             return f"{key}: {got}, allowed {words or _KINDS[kind]}"
     if message.startswith("Input should be "):

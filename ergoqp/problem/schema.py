@@ -1,21 +1,28 @@
-"""The tables of a problem file: keys, allowed values, units, and terms of the user.
-
-Types of the parameters of users' terms, as files can give them.
-
-Lists stand for tuples and arrays.
-"""
+"""The tables of a problem file, made from the parameters of the terms of ergoqp and of users."""
 
 from __future__ import annotations
 
 import contextlib
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import is_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Final, Literal, Self, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Final,
+    Literal,
+    Self,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
+from annotated_types import Len
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -28,330 +35,37 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import Range, shown
 from ergoqp.errors import ErgoqpError, InputError, in_words
-from ergoqp.limits import AXES
-from ergoqp.problem.messages import (
-    NotNegative,
-    Number,
-    Positive,
-    Vector,
-    as_list,
-    as_tuple,
-    full_keys,
-    given_tables,
-    keys_of,
-    listing,
+from ergoqp.limits import (
+    ArmLength,
+    AxisCone,
+    Ball,
+    Box,
+    HalfSpace,
+    JointLimit,
+    KeepOut,
+    OneClassBoundary,
+    TwistLimit,
+    WorkspaceBox,
 )
-from ergoqp.problem.settings import Control
+from ergoqp.problem.messages import as_list, as_tuple, full_keys, given_tables, keys_of, listing
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.problem.validate import check_response
 from ergoqp.registry import check_free, own_term, registered
+from ergoqp.responses import IkResponse
 from ergoqp.sheets.reba import Method
 
 
 class Table(BaseModel):
     """A table of the file. Unknown keys are mistakes, and a text is never taken for a number."""
 
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
-Side = Literal["right", "left"]
-Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
-
-
-class IkTable(Table):
-    """Keys of `ergoqp.responses.IkResponse`."""
-
-    stature: Annotated[float, Field(ge=1.2, le=2.3)] | None = None
-    person: str | None = None
-    stance: Literal["standing", "seated"] = "standing"
-    seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
-    hands: Annotated[
-        tuple[Side, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=2)
-    ] = ("right",)
-    tool: Literal["along", "thumb"] = "along"
-    free_about_tool: bool = True
-    weights: dict[str, Positive] = {}
-    comfort_deg: dict[str, Number] = {}
-    balance: NotNegative = 60.0
-    relaxation_time: Positive = 1.0
-    damping: Annotated[float, Field(ge=1e-6, le=1)] = 0.02
-    looks: bool = True
-    attention: Annotated[float, Field(ge=1e-3, le=1e6)] = 8.0
-    free_arm: Literal["hangs", "rests"] | None = None
-
-    @model_validator(mode="after")
-    def _one_person(self) -> Self:
-        if self.stature is not None and self.person is not None:
-            raise PydanticCustomError("person", "got stature and person, allowed one of them")
-        return self
-
-
-class PointsTable(Table):
-    """Elbow and wrist of the right arm are the state. The twist is their velocity. No keys."""
-
-
-def _check_one(keys: Sequence[str], given: Sequence[str], at_least: int) -> None:
-    """Raise an error if a table has more than one of some keys, or fewer than `at_least`."""
-    if not at_least <= len(given) <= 1:
-        raise PydanticCustomError(
-            "one",
-            "got {got}, allowed {count} one of {keys}",
-            {
-                "got": listing(given) if given else "none",
-                "count": "exactly" if at_least else "only",
-                "keys": listing(keys),
-            },
-        )
-
-
-class ResponseTable(Table):
-    """Exactly one response."""
-
-    ik: IkTable | None = None
-    points: PointsTable | None = None
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        _check_one(list(keys_of(type(self))), list(given_tables(self)), 1)
-        return self
-
-
-class SmoothRebaTable(Table):
-    """Keys of the smooth REBA score, see `ergoqp.costs.smooth_reba.SmoothReba`."""
-
-    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
-        1.5,
-        12.0,
-    )
-    weights: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
-        0.8,
-        0.2,
-    )
-
-
-class LearnedTable(Table):
-    """File of a learned cost."""
-
-    model: str
-
-
-class CostTable(Table):
-    """At most one cost. Default: the smooth REBA score."""
-
-    smooth_reba: SmoothRebaTable | None = None
-    learned: LearnedTable | None = None
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        _check_one(list(keys_of(type(self))), list(given_tables(self)), 0)
-        return self
-
-
-def _table_of(kind: type, name: str, held: Any = None) -> Any:
-    """Return a table with the fields of a dataclass, with their own types or all of type `held`."""
-    hints = get_type_hints(kind)
-    keys: dict[str, Any] = {
-        each.name: (held or hints[each.name], each.default) for each in fields(kind)
-    }
-    return create_model(name, __base__=Table, **keys)
-
-
-MethodTable: Any = _table_of(Method, "MethodTable")
-"""The fields of `ergoqp.reba.Method`, with their names and types."""
-
-ControlTable: Any = _table_of(Control, "ControlTable", NotNegative)
-"""The fields of `ergoqp.Control`."""
-
-
-class TaskTable(Table):
-    """What joint angles cannot tell. The stance says whether the person sits."""
-
-    load_kg: NotNegative = 0.0
-    shock: bool = False
-    coupling: Annotated[int, Field(ge=0, le=3)] = 0
-    activity: Annotated[int, Field(ge=0, le=3)] = 0
-    one_leg: bool = False
-    arm_supported: Pair = (False, False)
-    shoulder_raised: Pair = (False, False)
-    # The class is made above.
-    method: MethodTable = MethodTable()  # pyright: ignore[reportInvalidTypeForm]
-
-
-class TwistTable(Table):
-    """See `ergoqp.limits.TwistLimit`."""
-
-    linear_speed: Positive = 0.20
-    angular_speed: Positive = 0.80
-    linear_acceleration: Positive = 0.60
-    angular_acceleration: Positive = 2.50
-    axes: Annotated[
-        tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...],
-        BeforeValidator(as_tuple),
-        Field(min_length=1),
-    ] = AXES
-
-
-class JointsTable(Table):
-    """See `ergoqp.limits.JointLimit`."""
-
-    ranges_deg: dict[str, Annotated[tuple[Number, Number], BeforeValidator(as_tuple)]] = {}
-    rate_deg: Positive = 90.0
-    yield_zone_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
-    tolerance_deg: Annotated[float, Field(ge=0, le=20)] = 2.0
-    recovery_time: Positive = 1.0
-    recover: bool = False
-
-
-class WorkspaceTable(Table):
-    """See `ergoqp.limits.WorkspaceBox`."""
-
-    lower: Vector
-    upper: Vector
-
-
-class ToolAxisTable(Table):
-    """See `ergoqp.limits.AxisCone`."""
-
-    direction: Vector
-    half_angle_deg: Annotated[float, Field(gt=0, le=170)]
-
-
-class PointSpeedTable(Table):
-    """Largest speed and acceleration of each coordinate of two points."""
-
-    speed: Positive = 0.15
-    acceleration: Positive = 1.5
-
-
-class ArmLengthTable(Table):
-    """See `ergoqp.limits.ArmLength`."""
-
-    length: Positive
-
-
-class HalfSpaceTable(Table):
-    """See `ergoqp.limits.HalfSpace`."""
-
-    normal: Vector
-    offset: Number
-
-
-class BallTable(Table):
-    """See `ergoqp.limits.Ball`."""
-
-    centre: Vector
-    radius: Positive
-
-
-class BoxTable(Table):
-    """See `ergoqp.limits.Box`."""
-
-    lower: Vector
-    upper: Vector
-
-
-class KeepOutTable(Table):
-    """See `ergoqp.limits.KeepOut`. Several are an array of tables, each with its own name."""
-
-    name: str = "keep out"
-    half_space: HalfSpaceTable | None = None
-    ball: BallTable | None = None
-    box: BoxTable | None = None
-    tolerance: NotNegative = 1e-6
-    recovery_time: Positive = 2.0
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        regions = ("half_space", "ball", "box")
-        _check_one(regions, [name for name in regions if getattr(self, name) is not None], 1)
-        return self
-
-
-def _named(regions: list[KeepOutTable] | None) -> list[KeepOutTable] | None:
-    """Raise an error if two regions have the same name, because each is a row of the step."""
-    names = [region.name for region in regions or ()]
-    if doubled := [name for name in names if names.count(name) > 1]:
-        raise PydanticCustomError(
-            "names",
-            "got two regions named {name}, allowed regions each with a `name` of its own",
-            {"name": repr(doubled[0])},
-        )
-    return regions
-
-
-class BoundaryTable(Table):
-    """See `ergoqp.limits.OneClassBoundary`."""
-
-    model: str
-    hard: bool = False
-    tolerance: NotNegative = 1e-9
-    recovery_time: Positive = 0.25
-
-
-class LimitsTable(Table):
-    """All limits, each at most once, except that several `keep_out` are allowed."""
-
-    twist: TwistTable | None = None
-    joints: JointsTable | None = None
-    workspace: WorkspaceTable | None = None
-    tool_axis: ToolAxisTable | None = None
-    point_speed: PointSpeedTable | None = None
-    keep_out: Annotated[
-        list[KeepOutTable] | None, BeforeValidator(as_list), AfterValidator(_named)
-    ] = None
-    arm_length: ArmLengthTable | None = None
-    one_class_boundary: BoundaryTable | None = None
-
-
-_Seconds = Annotated[float, Field(ge=0, le=0.5)]
-
-
-class RobotTable(Table):
-    """See `ergoqp.problem.settings.DeclaredRobot`."""
-
-    delay: _Seconds = 0.0
-    lag: _Seconds = 0.0
-    gain_error: Annotated[float, Field(ge=0, le=0.5)] = 0.0
-    pose_delay: _Seconds = 0.0
-    pose_noise: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    pose_noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
-    longest_hold: Annotated[float, Field(ge=0, le=1)] = 0.0
-    pose_from_posture: Annotated[float, Field(ge=0, le=1)] = 0.035
-    pose_from_posture_deg: Annotated[float, Field(ge=0, le=90)] = 8.0
-
-
-_Frame = Annotated[
-    tuple[Number, Number, Number, Number, Number, Number, Number], BeforeValidator(as_tuple)
-]
-
-
-class FramesTable(Table):
-    """See `ergoqp.problem.settings.Frames`: x, y, z and a quaternion x, y, z, w."""
-
-    base: _Frame | None = None
-    flange: _Frame | None = None
-    camera: _Frame | None = None
-    offset: Vector = (0.0, 0.0, 0.0)
-    spread: Annotated[float, Field(ge=0, le=2)] | None = None
-    spread_deg: Annotated[float, Field(ge=0, le=180)] | None = None
-    compare: bool = True
-
-
-class FileTable(Table):
-    """A whole file. `unusual` lists keys whose unusual values are meant."""
-
-    title: str = ""
-    dt: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
-    response: ResponseTable
-    cost: CostTable = CostTable()
-    task: TaskTable = TaskTable()
-    limits: LimitsTable = LimitsTable()
-    robot: RobotTable = RobotTable()
-    frames: FramesTable = FramesTable()
-    # The class is made above.
-    control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm]
-    unusual: list[str] = []
+def given(table: BaseModel) -> dict[str, Any]:
+    """Return the keys that a file states in a table, with their values; tables within as such."""
+    return table.model_dump(by_alias=True, exclude_unset=True)
 
 
 _CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
@@ -360,10 +74,15 @@ _CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
 def as_in_files(hint: Any) -> Any:
     """Return a type that accepts what a TOML file can give for a type.
 
+    Lists stand for tuples and arrays.
+
     Args:
-        hint: type that the user's code declares.
+        hint: type that the code declares.
     """
     kind: Any = get_origin(hint) or hint
+    if kind is Annotated:
+        core, *metadata = get_args(hint)
+        return Annotated[(as_in_files(core), *metadata)]
     parts = tuple(map(as_in_files, get_args(hint)))
     if kind is np.ndarray:
         return Annotated[Any, BeforeValidator(_as_array)]
@@ -390,11 +109,262 @@ def _as_array(value: Any) -> np.ndarray:
     raise PydanticCustomError("array", "Input should be an array of numbers")
 
 
-_PARTS = {"cost": CostTable, "limits": LimitsTable, "response": ResponseTable}
+def table_of(name: str, term: Any, leave_out: Sequence[str] = (), **instead: Any) -> Any:
+    """Return a table with the parameters of a term and their types.
+
+    Keys that a file leaves out keep the defaults of the term.
+
+    Args:
+        name: name of the term.
+        term: a class or function with typed parameters, of the package or of a user.
+        leave_out: parameters that a file does not state.
+        instead: types of further keys, and of parameters that a file states otherwise.
+
+    Raises:
+        InputError: if the term does not declare its parameters.
+    """
+    try:
+        parameters = inspect.signature(term).parameters
+        hints = get_type_hints(
+            term if is_dataclass(term) or not inspect.isclass(term) else term.__init__,
+            include_extras=True,
+        )
+    except (TypeError, ValueError, NameError) as error:
+        raise InputError(
+            f"{name}: got {shown(term)} ({error}), allowed a class or function with typed"
+            " parameters"
+        ) from None
+    keys: dict[str, Any] = {}
+    for key, parameter in parameters.items():
+        if key in leave_out:
+            continue
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise InputError(
+                f"{name}: got the parameter {parameter}, allowed only ones that a file can name"
+            )
+        kind = instead.pop(key, None) or as_in_files(hints.get(key, Any))
+        keys[key] = (kind, ... if parameter.default is parameter.empty else None)
+        try:
+            _with_keys(name, Table, {key: keys[key]})
+        except PydanticUserError:
+            raise InputError(
+                f"{name}: got the parameter {parameter!s:.80}, allowed numbers, texts,"
+                " lists and arrays of them, and tables"
+            ) from None
+    return _with_keys(name, Table, keys | {key: (kind, None) for key, kind in instead.items()})
+
+
+def _with_keys(name: str, base: type[Table], keys: Mapping[str, tuple[Any, Any]]) -> Any:
+    """Return a table with more keys, each with its type and default (`...`: required)."""
+    fields: dict[str, Any] = {
+        f"own_{i}": (kind, Field(default, alias=key))
+        for i, (key, (kind, default)) in enumerate(keys.items())
+    }
+    return create_model(f"{name} table", __base__=base, **fields)
+
+
+def _check_one(keys: Sequence[str], stated: Sequence[str], at_least: int) -> None:
+    """Raise an error if a table has more than one of some keys, or fewer than `at_least`."""
+    if not at_least <= len(stated) <= 1:
+        raise PydanticCustomError(
+            "one",
+            "got {got}, allowed {count} one of {keys}",
+            {
+                "got": listing(stated) if stated else "none",
+                "count": "exactly" if at_least else "only",
+                "keys": listing(keys),
+            },
+        )
+
+
+class _AtMostOne(Table):
+    """Tables of which a file states one or none."""
+
+    at_least: ClassVar[int] = 0
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        _check_one(list(keys_of(type(self))), list(given_tables(self)), self.at_least)
+        return self
+
+
+class _ExactlyOne(_AtMostOne):
+    """Tables of which a file states one."""
+
+    at_least: ClassVar[int] = 1
+
+
+def _tables(name: str, base: type[Table], **tables: Any) -> Any:
+    """Return a table of tables that a file may state."""
+    return create_model(
+        name, __base__=base, **{key: (one | None, None) for key, one in tables.items()}
+    )
+
+
+Side = Literal["right", "left"]
+Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
+
+
+def _one_person(response: Table) -> Table:
+    if {"stature", "person"} <= set(given(response)):
+        raise PydanticCustomError("person", "got stature and person, allowed one of them")
+    return response
+
+
+def _points() -> None:
+    """Elbow and wrist of the right arm are the state. The twist is their velocity."""
+
+
+ResponseTable: Any = _tables(
+    "ResponseTable",
+    _ExactlyOne,
+    ik=Annotated[
+        table_of(
+            "ik",
+            IkResponse,
+            ["body"],
+            hands=Annotated[tuple[Side, ...], BeforeValidator(as_tuple), Len(1, 2)],
+            stature=Annotated[float, Range(1.2, 2.3, "m")] | None,
+            person=str | None,
+        ),
+        AfterValidator(_one_person),
+    ],
+    points=table_of("points", _points),
+)
+"""Exactly one response."""
+
+
+def _smooth_reba(
+    taus_deg: Annotated[
+        tuple[Annotated[float, Range(1e-3, 180.0, "deg", (0.1, 45.0))], ...], Len(1)
+    ] = (),
+    weights: Annotated[tuple[Annotated[float, Range(0.0, 1.0)], ...], Len(1)] = (),
+) -> None:
+    """Have the parameters of `ergoqp.costs.smooth_reba.SmoothReba` that a file states here."""
+
+
+def _learned(model: str) -> None:
+    """Have the file of a learned cost."""
+
+
+CostTable: Any = _tables(
+    "CostTable",
+    _AtMostOne,
+    smooth_reba=table_of("smooth_reba", _smooth_reba),
+    learned=table_of("learned", _learned),
+)
+"""At most one cost. Default: the smooth REBA score."""
+
+TaskTable: Any = create_model(
+    "TaskTable",
+    __base__=Table,
+    load_kg=(Annotated[float, Range(0.0, unit="kg", usual=(0.0, 50.0))], 0.0),
+    shock=(bool, False),
+    coupling=(Annotated[int, Field(ge=0, le=3)], 0),
+    activity=(Annotated[int, Field(ge=0, le=3)], 0),
+    one_leg=(bool, False),
+    arm_supported=(Pair, (False, False)),
+    shoulder_raised=(Pair, (False, False)),
+    method=(table_of("method", Method), table_of("method", Method)()),
+)
+"""What joint angles cannot tell. The stance says whether the person sits."""
+
+
+def point_speed(
+    speed: Annotated[float, Range(1e-9, 1e6, "m/s", (0.005, 1.0))] = 0.15,
+    acceleration: Annotated[float, Range(1e-9, 1e6, "m/s^2", (0.02, 5.0))] = 1.5,
+) -> TwistLimit:
+    """Return the bounds on the velocities of two points, the same for all axes."""
+    return TwistLimit(speed, speed, acceleration, acceleration)
+
+
+REGIONS: Final = {"half_space": HalfSpace, "ball": Ball, "box": Box}
+"""What a file can keep the object out of."""
+
+
+def _one_region(region: Table) -> Table:
+    _check_one(list(REGIONS), [name for name in given_tables(region) if name in REGIONS], 1)
+    return region
+
+
+KeepOutTable: Any = Annotated[
+    table_of(
+        "keep_out",
+        KeepOut,
+        ["region"],
+        **{name: table_of(name, kind) | None for name, kind in REGIONS.items()},
+    ),
+    AfterValidator(_one_region),
+]
+"""See `ergoqp.limits.KeepOut`. Several are an array of tables, each with its own name."""
+
+
+def _named(regions: list[Table]) -> list[Table]:
+    """Raise an error if two regions have the same name, because each is a row of the step."""
+    names = [given(region).get("name", KeepOut.name) for region in regions]
+    if doubled := [name for name in names if names.count(name) > 1]:
+        raise PydanticCustomError(
+            "names",
+            "got two regions named {name}, allowed regions each with a `name` of its own",
+            {"name": repr(doubled[0])},
+        )
+    return regions
+
+
+LimitsTable: Any = _tables(
+    "LimitsTable",
+    Table,
+    twist=table_of("twist", TwistLimit, ["aside"]),
+    joints=table_of("joints", JointLimit),
+    workspace=table_of("workspace", WorkspaceBox),
+    tool_axis=table_of("tool_axis", AxisCone),
+    point_speed=table_of("point_speed", point_speed),
+    keep_out=Annotated[list[KeepOutTable], BeforeValidator(as_list), AfterValidator(_named)],
+    arm_length=table_of("arm_length", ArmLength, ["name"]),
+    one_class_boundary=table_of("boundary", OneClassBoundary, ["name"], model=str),
+)
+"""All limits, each at most once, except that several `keep_out` are allowed."""
+
+_Frame = Annotated[
+    tuple[float, float, float, float, float, float, float] | None, BeforeValidator(as_tuple)
+]
+RobotTable: Any = table_of("robot", DeclaredRobot)
+ControlTable: Any = table_of("control", Control)
+FramesTable: Any = table_of(
+    "frames",
+    Frames,
+    base=_Frame,
+    flange=_Frame,
+    camera=_Frame,
+    offset=Annotated[tuple[float, float, float], BeforeValidator(as_tuple)],
+)
+
+
+FileTable: Any = create_model(
+    "FileTable",
+    __base__=Table,
+    title=(str, ""),
+    dt=(Annotated[float, Range(1e-4, 0.1, "s")], 0.01),
+    response=(ResponseTable, ...),
+    cost=(CostTable, CostTable()),
+    task=(TaskTable, TaskTable()),
+    limits=(LimitsTable, LimitsTable()),
+    robot=(RobotTable, RobotTable()),
+    frames=(FramesTable, FramesTable()),
+    control=(ControlTable, ControlTable()),
+    unusual=(list[str], []),
+)
+"""A whole file. `unusual` lists keys whose unusual values are meant."""
+
+_PARTS: Final[dict[str, Any]] = {
+    "cost": CostTable,
+    "limits": LimitsTable,
+    "response": ResponseTable,
+}
 _KINDS = {"cost": "cost", "limits": "limit", "response": "response"}
 
 
-def file_table(raw: Mapping[str, Any]) -> type[FileTable]:
+def file_table(raw: Mapping[str, Any]) -> Any:
     """Return the table of a file, with the keys of the user's terms that it names.
 
     Only terms that the file names are imported.
@@ -408,12 +378,13 @@ def file_table(raw: Mapping[str, Any]) -> type[FileTable]:
     """
     parts: dict[str, Any] = {}
     for part, table in _PARTS.items():
-        given = raw.get(part)
-        named, known = set(given) if isinstance(given, Mapping) else set(), set(table.model_fields)
+        stated = raw.get(part)
+        named = set(stated) if isinstance(stated, Mapping) else set()
+        known = set(table.model_fields)
         check_free(_KINDS[part], named & known)
         found = {name: own_term(_KINDS[part], name) for name in (named - known) & own_names(part)}
         if found:
-            own = {name: (_table_of_term(name, term) | None, None) for name, term in found.items()}
+            own = {name: (table_of(name, term) | None, None) for name, term in found.items()}
             larger = _with_keys(table.__name__, table, own)
             parts[part] = (larger, FileTable.model_fields[part].default)
     return create_model("FileTable", __base__=FileTable, **parts) if parts else FileTable
@@ -455,42 +426,3 @@ def build_own(part: str, name: str, table: Table) -> Any:
         # Its state decides which limits there are, before `Problem` checks all terms.
         check_response(f"{part}.{name}", made)
     return made
-
-
-def _table_of_term(name: str, term: Any) -> type[Table]:
-    """Return a table with the parameters of a term and their types."""
-    try:
-        parameters = inspect.signature(term).parameters
-        hints = get_type_hints(term.__init__ if inspect.isclass(term) else term)
-    except (TypeError, ValueError, NameError) as error:
-        raise InputError(
-            f"{name}: got {shown(term)} ({error}), allowed a class or function with typed"
-            " parameters"
-        ) from None
-    keys: dict[str, Any] = {}
-    for key, parameter in parameters.items():
-        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-            raise InputError(
-                f"{name}: got the parameter {parameter}, allowed only ones that a file can name"
-            )
-        keys[key] = (
-            as_in_files(hints.get(key, Any)),
-            ... if parameter.default is parameter.empty else None,
-        )
-        try:
-            _with_keys(name, Table, {key: keys[key]})
-        except PydanticUserError:
-            raise InputError(
-                f"{name}: got the parameter {parameter!s:.80}, allowed numbers, texts,"
-                " lists and arrays of them, and tables"
-            ) from None
-    return _with_keys(name, Table, keys)
-
-
-def _with_keys(name: str, base: type[Table], keys: Mapping[str, tuple[Any, Any]]) -> Any:
-    """Return a table with more keys, each with its type and default (`...`: required)."""
-    fields: dict[str, Any] = {
-        f"own_{i}": (kind, Field(default, alias=key))
-        for i, (key, (kind, default)) in enumerate(keys.items())
-    }
-    return create_model(f"{name} table", __base__=base, **fields)

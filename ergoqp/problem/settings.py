@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number, flag, read_array, shown
+from ergoqp.arguments import Range, check_parameters, read_array, shown
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions.rigid import matrix_of, quaternion_of, read_pose
 
-_LONGEST_AVERAGE: Final = 0.5
-_LARGEST: Final = 1e9
+NotNegative = Annotated[float, Range(0.0, 1e9)]
 
 
 @dataclass(frozen=True)
@@ -67,40 +66,32 @@ class Control:
         0.8
     """
 
-    look_ahead: float = 0.5
-    smoothing: float = 0.15
-    effort_linear: float = 10.0
-    effort_angular: float = 1.0
-    caution: float = 0.02
-    contact: float = 20.0
-    comfort: float = 0.25
-    rest_below: float = 0.03
-    rest_after: float = 0.5
-    move_above: float = 0.50
-    move_after: float = 0.5
-    stall_gain: float = 0.05
-    stall_after: float = 2.0
-    rest_filter: float = 0.5
-    max_age: float = 0.10
-    average: float | None = None
-    guide_weight: float = 20.0
-    guide_gain: float = 0.3
-    guide_price: float = 1.5
+    look_ahead: NotNegative = 0.5
+    smoothing: NotNegative = 0.15
+    effort_linear: NotNegative = 10.0
+    effort_angular: NotNegative = 1.0
+    caution: NotNegative = 0.02
+    contact: NotNegative = 20.0
+    comfort: NotNegative = 0.25
+    rest_below: NotNegative = 0.03
+    rest_after: NotNegative = 0.5
+    move_above: NotNegative = 0.50
+    move_after: NotNegative = 0.5
+    stall_gain: NotNegative = 0.05
+    stall_after: NotNegative = 2.0
+    rest_filter: NotNegative = 0.5
+    max_age: NotNegative = 0.10
+    average: Annotated[float, Range(0.0, 0.5, "s")] | None = None
+    guide_weight: NotNegative = 20.0
+    guide_gain: NotNegative = 0.3
+    guide_price: NotNegative = 1.5
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if name == "average" and value is None:
-                continue
-            check_number(f"control.{name}", value, 0.0, _LARGEST, error=ProblemError)
+        check_parameters(self, "control.", ProblemError)
         for name in ("look_ahead", "effort_linear", "effort_angular", "rest_filter", "max_age"):
             if getattr(self, name) == 0:
                 raise ProblemError(f"control.{name}: got 0, allowed a positive number")
-        if self.average is not None and self.average > _LONGEST_AVERAGE:
-            raise ProblemError(
-                f"control.average: got {self.average!r} s, allowed 0 to {_LONGEST_AVERAGE:g} s"
-            )
         if self.move_above < self.rest_below:
             raise ProblemError(
                 f"control.move_above: got {self.move_above}, allowed at least rest_below ="
@@ -108,18 +99,7 @@ class Control:
             )
 
 
-_LARGEST_TIME: Final = {
-    "delay": (0.5, "s"),
-    "lag": (0.5, "s"),
-    "gain_error": (0.5, ""),
-    "pose_delay": (0.5, "s"),
-    "pose_noise": (0.1, "m"),
-    "pose_noise_deg": (10.0, "deg"),
-    "longest_hold": (1.0, "s"),
-    "pose_from_posture": (1.0, "m"),
-    "pose_from_posture_deg": (90.0, "deg"),
-}
-"""Largest value of each entry, with its unit."""
+_Seconds = Annotated[float, Range(0.0, 0.5, "s")]
 
 
 @dataclass(frozen=True)
@@ -162,21 +142,19 @@ class DeclaredRobot:
         [0.001, 0.001, 0.001]
     """
 
-    delay: float = 0.0
-    lag: float = 0.0
-    gain_error: float = 0.0
-    pose_delay: float = 0.0
-    pose_noise: float = 0.0
-    pose_noise_deg: float = 0.0
-    longest_hold: float = 0.0
-    pose_from_posture: float = 0.035
-    pose_from_posture_deg: float = 8.0
+    delay: _Seconds = 0.0
+    lag: _Seconds = 0.0
+    gain_error: Annotated[float, Range(0.0, 0.5, "share")] = 0.0
+    pose_delay: _Seconds = 0.0
+    pose_noise: Annotated[float, Range(0.0, 0.1, "m")] = 0.0
+    pose_noise_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 0.0
+    longest_hold: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
+    pose_from_posture: Annotated[float, Range(0.0, 1.0, "m")] = 0.035
+    pose_from_posture_deg: Annotated[float, Range(0.0, 90.0, "deg")] = 8.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for entry in fields(self):
-            value, (most, unit) = getattr(self, entry.name), _LARGEST_TIME[entry.name]
-            check_number(f"robot.{entry.name}", value, 0.0, most, unit, ProblemError)
+        check_parameters(self, "robot.", ProblemError)
 
     @property
     def dead_time(self) -> float:
@@ -205,8 +183,6 @@ class DeclaredRobot:
 
 
 _NAMES: Final = ("base", "flange", "camera")
-_WIDEST: Final = 2.0
-"""Largest distance of a calibration [m]."""
 _FARTHEST: Final = 100.0
 """Where a pose is not a place of a robot any more [m], as in `read_pose`."""
 
@@ -252,8 +228,8 @@ class Frames:
     flange: Any = None
     camera: Any = None
     offset: Any = (0.0, 0.0, 0.0)
-    spread: float | None = None
-    spread_deg: float | None = None
+    spread: Annotated[float, Range(0.0, 2.0, "m")] | None = None
+    spread_deg: Annotated[float, Range(0.0, 180.0, "deg")] | None = None
     compare: bool = True
 
     def __post_init__(self) -> None:
@@ -265,12 +241,9 @@ class Frames:
         except InputError as error:
             raise ProblemError(str(error)) from None
         object.__setattr__(self, "offset", offset)
-        object.__setattr__(self, "compare", flag("frames.compare", self.compare, ProblemError))
+        check_parameters(self, "frames.", ProblemError)
         if (self.spread is None) != (self.spread_deg is None):
             raise ProblemError("frames: got one of spread and spread_deg, allowed both or none")
-        if self.spread is not None:
-            check_number("frames.spread", self.spread, 0.0, _WIDEST, "m", ProblemError)
-            check_number("frames.spread_deg", self.spread_deg, 0.0, 180.0, "deg", ProblemError)
 
     def __eq__(self, other: object) -> bool:
         """Return whether all frames and numbers are the same."""

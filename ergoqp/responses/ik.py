@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, flag, names_of, shown
+from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
@@ -18,7 +18,6 @@ from ergoqp.responses.following import Following
 from ergoqp.responses.stance import (
     HANGING_DEG,
     LEG_JOINTS,
-    TOOL_AXES,
     Stance,
     arm_of,
     seat_in_words,
@@ -145,16 +144,18 @@ class IkResponse:
     body: Body = field(default_factory=Body)
     hands: tuple[str, ...] = ("right",)
     stance: Literal["standing", "seated"] = "standing"
-    seat_height: float | None = None
-    tool: str = "along"
+    seat_height: Annotated[float, Range(0.2, 1.2, "m")] | None = None
+    tool: Literal["along", "thumb"] = "along"
     free_about_tool: bool = True
-    weights: Mapping[str, float] = field(default_factory=dict)
-    comfort_deg: Mapping[str, float] = field(default_factory=dict)
-    balance: float = 60.0
-    relaxation_time: float = 1.0
-    damping: float = 0.02
+    weights: Mapping[str, Annotated[float, Range(1e-9, 1e9)]] = field(default_factory=dict)
+    comfort_deg: Mapping[str, Annotated[float, Range(-360.0, 360.0, "deg")]] = field(
+        default_factory=dict
+    )
+    balance: Annotated[float, Range(0.0, 1e6)] = 60.0
+    relaxation_time: Annotated[float, Range(1e-2, 1e3, "s")] = 1.0
+    damping: Annotated[float, Range(1e-6, 1.0)] = 0.02
     looks: bool = True
-    attention: float = 8.0
+    attention: Annotated[float, Range(1e-3, 1e6)] = 8.0
     free_arm: Literal["hangs", "rests"] | None = None
 
     def __post_init__(self) -> None:
@@ -166,31 +167,9 @@ class IkResponse:
             raise InputError(f"hands: got {shown(hands)}, allowed {allowed}")
         # The contact frame is made from the right grip to the left one.
         object.__setattr__(self, "hands", tuple(side for side in SIDES if side in hands))
-        if not isinstance(self.stance, str) or self.stance not in ("standing", "seated"):
-            raise InputError(f"stance: got {shown(self.stance)}, allowed 'standing' or 'seated'")
-        if not isinstance(self.tool, str) or self.tool not in TOOL_AXES:
-            raise InputError(f"tool: got {shown(self.tool)}, allowed one of {', '.join(TOOL_AXES)}")
-        for name in ("free_about_tool", "looks"):
-            object.__setattr__(self, name, flag(name, getattr(self, name)))
-        arm = self.free_arm
-        if arm is not None and not (isinstance(arm, str) and arm in ("hangs", "rests")):
-            raise InputError(f"free_arm: got {shown(arm)}, allowed 'hangs', 'rests' or none")
         for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
             check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
-        for name, low, high in (
-            ("seat_height", 0.2, 1.2),
-            ("balance", 0.0, 1e6),
-            ("relaxation_time", 1e-2, 1e3),
-            ("damping", 1e-6, 1.0),
-            ("attention", 1e-3, 1e6),
-        ):
-            unset = name == "seat_height" and self.seat_height is None
-            if not unset:
-                check_number(name, getattr(self, name), low, high)
-        for joint, weight in self.weights.items():
-            check_number(f"weights of {joint}", weight, 1e-9, 1e9)
-        for joint, angle in self.comfort_deg.items():
-            check_number(f"comfort_deg of {joint}", angle, -360.0, 360.0, "deg")
+        check_parameters(self)
         outside = ~((self.comfort >= LOWER - 1e-9) & (self.comfort <= UPPER + 1e-9))
         if outside.any():
             j = int(np.argmax(outside))

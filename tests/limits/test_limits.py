@@ -342,7 +342,7 @@ def test_names_tell_rows_apart() -> None:
         (lambda: AxisCone((1, 0, 0), 0), "half_angle_deg: got 0 deg, allowed 1e-06 to 170 deg"),
         (lambda: AxisCone((1, 0, 0), 180), "half_angle_deg: got 180"),
         (lambda: AxisCone((1, 0, 0), np.nan), "half_angle_deg: got nan"),
-        (lambda: TwistLimit(linear_speed=0), "linear_speed: got 0, allowed 1e-09 to 1e"),
+        (lambda: TwistLimit(linear_speed=0), "linear_speed: got 0 m/s, allowed 1e-09 to 1e"),
         (lambda: TwistLimit(angular_speed=-1), "angular_speed: got -1"),
         (lambda: TwistLimit(linear_acceleration=np.inf), "linear_acceleration: got inf"),
         (lambda: TwistLimit(angular_acceleration=np.nan), "angular_acceleration: got nan"),
@@ -367,18 +367,18 @@ def test_names_tell_rows_apart() -> None:
             lambda: JointLimit(ranges_deg={"trunk_flexion": (np.nan, 20)}),
             "ranges_deg of trunk_flexion: got .nan, 20., allowed two numbers",
         ),
-        (lambda: JointLimit(rate_deg=0), "rate_deg: got 0, allowed 0.001"),
+        (lambda: JointLimit(rate_deg=0), "rate_deg: got 0 deg/s, allowed 0.001"),
         (lambda: JointLimit(rate_deg=np.nan), "rate_deg: got nan"),
         (lambda: JointLimit(recovery_time=-1), "recovery_time: got -1"),
-        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf, allowed 0.001 to 10000"),
-        (lambda: JointLimit(yield_zone_deg=np.inf), "yield_zone_deg: got inf, allowed 0 to 20"),
+        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf deg/s, allowed 0.001 to 10000"),
+        (lambda: JointLimit(yield_zone_deg=np.inf), "yield_zone_deg: got inf deg, allowed 0 to 20"),
         (lambda: JointLimit(tolerance_deg=np.nan), "tolerance_deg: got nan"),
         (lambda: JointLimit(rate_deg="a"), "rate_deg: got 'a'"),  # type: ignore[arg-type]
         (lambda: TwistLimit(aside=10**400), "aside: got 1000"),
         (lambda: JointLimit(tolerance_deg="a"), "tolerance_deg: got 'a'"),  # type: ignore[arg-type]
         (
             lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), tolerance=np.nan),
-            "workspace tolerance: got nan, allowed",
+            "workspace tolerance: got nan m, allowed",
         ),
         (
             lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=0.0),
@@ -391,7 +391,7 @@ def test_names_tell_rows_apart() -> None:
         (lambda: AxisCone((1, 0, 0), 20, tolerance=None), "tool axis tolerance: got None"),
         (lambda: AxisCone((1, 0, 0), 20, recovery_time=-1.0), "tool axis recovery_time: got -1.0"),
         (lambda: TwistLimit(aside=-1.0), "aside: got -1.0"),
-        (lambda: TwistLimit(aside=1000.5), "aside: got 1000.5, allowed 0 to 1000"),
+        (lambda: TwistLimit(aside=1000.5), "aside: got 1000.5 m/s\\^2, allowed 0 to 1000 m/s"),
     ],
 )
 def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
