@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import house
+from tools.house import house
 
 
 @pytest.mark.parametrize(

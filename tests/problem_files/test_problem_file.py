@@ -144,7 +144,11 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
             ["task.method.arms: got 'both', allowed 'whole' or 'segments'"],
         ),
         ("limits.twist.axes", ["z", "roll"], ["limits.twist.axes", "roll", "allowed some of x, y"]),
-        ("limits.twist.linear_speed", 0.0, ["limits.twist.linear_speed", "allowed 1e-09 to 1e+06 m/s"]),
+        (
+            "limits.twist.linear_speed",
+            0.0,
+            ["limits.twist.linear_speed", "allowed 1e-09 to 1e+06 m/s"],
+        ),
         ("limits.workspace", {"lower": [0, 0, 0]}, ["limits.workspace.upper", "required"]),
         (
             "limits.workspace",

@@ -524,7 +524,7 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
 
 def test_a_short_fuzz_finds_nothing_wrong() -> None:
     fuzz = pytest.importorskip(
-        "benchmarks.fuzz", reason="the benchmarks of the checkout are not importable here"
+        "tools.fuzz.fuzz", reason="the benchmarks of the checkout are not importable here"
     )
     counts: Counter = Counter()
     examples: list[str] = []

@@ -18,10 +18,10 @@ from typing import Final, Self
 
 import numpy as np
 
-from benchmarks.fuzz_world import HardRows, moved
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import JointLimit
 from ergoqp.problem.problem import Problem
+from tools.fuzz.world import HardRows, moved
 
 ROUNDING: Final = 1e-9
 """Of a speed, an acceleration or a jerk, relative to its limit."""

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.fuzz_world import moved, turned
 from ergoqp.problem.problem import Problem
+from tools.fuzz.world import moved, turned
 
 _UNIT: Final = np.repeat([1e-3, np.radians(0.2)], 3)
 _FEW: Final = 0.8

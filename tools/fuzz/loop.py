@@ -9,20 +9,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.fuzz_inputs import Call
-from benchmarks.fuzz_interruptions import Interruptions
-from benchmarks.fuzz_judge import Law, Sent, Tally
-from benchmarks.fuzz_object import ObjectJudge
-from benchmarks.fuzz_problems import moving, somewhere
-from benchmarks.fuzz_reasons import LATCHED, SHORT, ReasonJudge
-from benchmarks.fuzz_robot import RobotReckoning
-from benchmarks.fuzz_terms import Spoiled
-from benchmarks.fuzz_world import TrueObject, moved
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.stepper import Step, Stepper
+from tools.fuzz.inputs import Call
+from tools.fuzz.interruptions import Interruptions
+from tools.fuzz.judge import Law, Sent, Tally
+from tools.fuzz.object import ObjectJudge
+from tools.fuzz.problems import moving, somewhere
+from tools.fuzz.reasons import LATCHED, SHORT, ReasonJudge
+from tools.fuzz.robot import RobotReckoning
+from tools.fuzz.terms import Spoiled
+from tools.fuzz.world import TrueObject, moved
 
 _BRAKES: Final = ("braking", "invalid")
 

@@ -11,12 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.fuzz_judge import Law, Sent, Tally
-from benchmarks.fuzz_regions import Regions
-from benchmarks.fuzz_world import TrueObject, Way
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.stepper import Stepper
+from tools.fuzz.judge import Law, Sent, Tally
+from tools.fuzz.regions import Regions
+from tools.fuzz.world import TrueObject, Way
 
 _ALLOWED: Final = 1e-8
 """Rounding of a place [m, rad]."""

@@ -1,4 +1,4 @@
-"""One of each page that the commands write, for `benchmarks.site_axe`."""
+"""One of each page that the commands write, for `tools.site.axe`."""
 
 from __future__ import annotations
 

@@ -6,14 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.fuzz_inputs import Call
-from benchmarks.fuzz_judge import Joints, Tally
-from benchmarks.fuzz_regions import Regions
-from benchmarks.fuzz_robot import RobotReckoning
-from benchmarks.fuzz_world import HardRows
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.problem.problem import Problem
 from ergoqp.step.stepper import Step
+from tools.fuzz.inputs import Call
+from tools.fuzz.judge import Joints, Tally
+from tools.fuzz.regions import Regions
+from tools.fuzz.robot import RobotReckoning
+from tools.fuzz.world import HardRows
 
 _STOPS: Final = ("braking", "invalid")
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fuzz_world import Way
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, WorkspaceBox
 from ergoqp.problem.problem import Problem
+from tools.fuzz.world import Way
 
 Rng = np.random.Generator
 

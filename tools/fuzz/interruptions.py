@@ -19,11 +19,11 @@ from typing import Any, Final
 import numpy as np
 
 import ergoqp
-from benchmarks.fuzz_inputs import Call
-from benchmarks.fuzz_judge import Tally
-from benchmarks.fuzz_problems import moving
 from ergoqp.errors import InputError
 from ergoqp.step.stepper import Stepper
+from tools.fuzz.inputs import Call
+from tools.fuzz.judge import Tally
+from tools.fuzz.problems import moving
 
 _SHARE: Final = 0.15
 """Share of the calls before which one is interrupted."""

@@ -5,7 +5,7 @@ With each attack comes what it must be called.
 An attack changes one call and says which causes the answer has to name; one that names none is a
 strange but usable input, which must get a usable answer. Lies are about the robot: a pose where the
 object is not, a twist that it does not have, a robot that does something else. What they must be
-called is reckoned by `benchmarks.fuzz_robot`.
+called is reckoned by `tools.fuzz.robot`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.fuzz_problems import moving, rotation, somewhere
-from benchmarks.fuzz_world import moved
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem
+from tools.fuzz.problems import moving, rotation, somewhere
+from tools.fuzz.world import moved
 
 Rng = np.random.Generator
 Arguments = dict[str, Any]

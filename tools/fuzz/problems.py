@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fuzz_regions import random_regions
 from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
+from tools.fuzz.regions import random_regions
 
 Rng = np.random.Generator
 
