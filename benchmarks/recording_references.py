@@ -40,8 +40,8 @@ from benchmarks.recording_xsens import xsens
 from benchmarks.report import Report
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.mocap import Recording, fit_postures, load_recording
-from ergoqp.mocap.assemble import Reading, recording_of
 from ergoqp.mocap.joints import joints_of
+from ergoqp.mocap.load import Reading, recording_of
 from ergoqp.mocap.markers.fit import places_of_markers
 from ergoqp.mocap.readers import read_motion
 from ergoqp.sheets import reba

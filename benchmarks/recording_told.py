@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Report
-from ergoqp.mocap.assemble import Reading, recording_of
+from ergoqp.mocap.load import Reading, recording_of
 from ergoqp.mocap.markers.fit import completed
-from ergoqp.mocap.markers.landmarks import best_set
+from ergoqp.mocap.naming import best_set
 from ergoqp.mocap.readers import read_motion
 from ergoqp.mocap.recording import JointMotion
 

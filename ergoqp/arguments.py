@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from numbers import Integral
@@ -435,3 +435,16 @@ def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
 def _is_real(value: Any) -> bool:
     """Return whether a value is a Python or NumPy number for float arithmetic."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+Progress = Callable[[float], None]
+"""Called with the share that is done, from 0 to 1."""
+
+
+def unseen(share: float) -> None:
+    """Ignore the progress."""
+
+
+def part_of(progress: Progress, begin: float, end: float) -> Progress:
+    """Return the progress callback of a part of the work, between two shares of the whole."""
+    return lambda share: progress(begin + (end - begin) * share)

@@ -122,8 +122,8 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.mocap.Recording",
         "ergoqp.mocap.READERS",
         "ergoqp.mocap.recording.JointMotion",
-        "ergoqp.mocap.names.CENTRES",
-        "ergoqp.mocap.markers.landmarks.LANDMARKS",
+        "ergoqp.mocap.naming.CENTRES",
+        "ergoqp.mocap.naming.LANDMARKS",
         "ergoqp.mocap.fitting.person.centres_of",
     ),
     "Places": (

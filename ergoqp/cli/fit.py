@@ -17,7 +17,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.arguments import LARGEST_SEED, check_whole
+from ergoqp.arguments import LARGEST_SEED, check_whole, part_of
 from ergoqp.cli.common import console, make_folder, working, writing
 from ergoqp.cli.options import out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
@@ -27,7 +27,6 @@ from ergoqp.datasets.data import DataSet, read_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.learning.one_class import OneClass
-from ergoqp.progress import part_of
 from ergoqp.report.charts.over_time import prediction_picture
 
 ABOUT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import part_of, shown
 from ergoqp.cli.common import (
     console,
     make_folder,
@@ -25,10 +25,7 @@ from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap import Recording
 from ergoqp.mocap.fitting.person import side_measured
 from ergoqp.mocap.formats.text import some
-from ergoqp.mocap.markers.landmarks import LANDMARKS
-from ergoqp.mocap.names import template
-from ergoqp.mocap.naming import CENTRES
-from ergoqp.progress import part_of
+from ergoqp.mocap.naming import CENTRES, LANDMARKS, template
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp._version import __version__
+from ergoqp.arguments import Progress
 from ergoqp.comparison.derive import derived
 from ergoqp.comparison.record import RecordedQps, record, save_sequences
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.files.atomic import whole, write_whole
 from ergoqp.problem.problem import Problem
-from ergoqp.progress import Progress
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session, solver_named
 from ergoqp.solvers.session import (
     NOTHING,

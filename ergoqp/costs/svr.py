@@ -31,18 +31,20 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import (
     LARGEST_SEED,
+    Progress,
     check_kind,
     check_number,
     check_whole,
     check_word,
     numbers_of,
+    part_of,
+    unseen,
 )
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Columns, Kernel, KernelSum, Steps, features_from
 from ergoqp.learning.pipelines import dense, relevance, sklearn
-from ergoqp.progress import Progress, part_of, unseen
 
 Array = NDArray[np.float64]
 

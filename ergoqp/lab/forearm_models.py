@@ -33,7 +33,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import LARGEST_SEED, check_whole
+from ergoqp.arguments import LARGEST_SEED, Progress, check_whole
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.ladder import OneClassLadder
@@ -45,7 +45,6 @@ from ergoqp.human.forearm import forearm_length, forearm_points, read_points
 from ergoqp.learning.kernels import Columns, Kernel, KernelSum
 from ergoqp.learning.one_class import OneClass
 from ergoqp.learning.pipelines import sklearn
-from ergoqp.progress import Progress
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from typing import Any, get_args
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.arguments import check_whole, shown
+from ergoqp.arguments import Progress, check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import pose_as_dict
 from ergoqp.files.atomic import whole, write_json
@@ -39,7 +39,6 @@ from ergoqp.lab.group_search import (
 from ergoqp.lab.population import person_of
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.progress import Progress
 from ergoqp.rest.model_person import Alike
 
 

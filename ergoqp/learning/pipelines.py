@@ -22,9 +22,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import MissingExtraError, ModelError
 from ergoqp.joints import JOINTS
-from ergoqp.progress import Progress, unseen
 
 SCALERS: Final = ("StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler")
 """Steps that may come before the estimator. All have the form (x - mean) / scale."""

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.person_file import Marker
@@ -21,21 +22,23 @@ from ergoqp.mocap.markers.joints import (
     off_origin,
     unit_of_markers,
 )
-from ergoqp.mocap.markers.landmarks import LANDMARKS, RIGID, best_set, known_sets
 from ergoqp.mocap.markers.rigid import follow, shape_of
-from ergoqp.mocap.names import parted
 from ergoqp.mocap.naming import (
+    LANDMARKS,
+    RIGID,
     NamedCentres,
     Naming,
+    best_set,
     check_all_there,
     check_placed,
     known_namings,
+    known_sets,
     named_centres,
     naming_of,
+    parted,
 )
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import oriented, shoulders_of
-from ergoqp.progress import Progress, unseen
 
 _LEAST: Final = 6
 """Least number of joints or markers of a person."""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import shown, unmasked
+from ergoqp.arguments import Progress, shown, unmasked, unseen
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.mocap.fitting.axes import UPS
 from ergoqp.mocap.formats.bag import MARKS, is_bag, read_bag
@@ -27,7 +27,6 @@ from ergoqp.mocap.formats.table import read_table
 from ergoqp.mocap.formats.text import FASTEST, LONGEST, SLOWEST, Asked, beginning, is_number
 from ergoqp.mocap.formats.trc import read_trc
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress, unseen
 from ergoqp.registry import check_free, own_term, registered
 
 _LOOKED_AT: Final = 1 << 17

@@ -17,7 +17,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences
+from ergoqp.arguments import (
+    Progress,
+    check_called,
+    check_kind,
+    check_number,
+    check_whole,
+    sentences,
+)
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.expressions.rigid import read_pose
@@ -29,7 +36,6 @@ from ergoqp.placing.parallel import call_packed, in_order, packed
 from ergoqp.placing.place import Place
 from ergoqp.placing.program import Program, Solution, check_names, smooth_cost
 from ergoqp.problem.problem import Problem
-from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, Alike, Start

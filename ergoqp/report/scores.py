@@ -38,10 +38,10 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp._version import __version__
+from ergoqp.arguments import Progress, part_of, unseen
 from ergoqp.files.atomic import whole, write_json
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap import Recording
-from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.report import palette
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import elevation_of

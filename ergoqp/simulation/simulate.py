@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, sentences, shown
+from ergoqp.arguments import Progress, check_called, check_kind, check_number, sentences, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.person import Holding, Person, Senses, read_observed, read_posture, stood_otherwise
 from ergoqp.seeking.seeker import Seeker

@@ -215,7 +215,7 @@ def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(
         landed = moved(pose, np.array([0, 0, 0, *sum(turns)]))
         matrix = ask(cone, pose=landed)[0][0, 3:]
         # A turn that leads away from the end is not counted on: see
-        # `ergoqp.step.layout.way_of`.
+        # `ergoqp.step.delay`.
         lost = sum(max(0.0, -matrix @ turn) for turn in turns)
         turn = sum(float(np.linalg.norm(turn)) for turn in turns)
         further = np.array([0, 0, 0, *(rng.normal(size=3) * rng.uniform(0, 0.2))])

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ergoqp.mocap.markers.landmarks import LANDMARKS
-from ergoqp.mocap.names import CENTRES, guessed, template
-from ergoqp.mocap.naming import known_namings, read_mapping
+from ergoqp.mocap.naming import CENTRES, LANDMARKS, guessed, known_namings, read_mapping, template
 
 WANTED = (*CENTRES, *LANDMARKS)
 SIGNS = ("=", "'", "", " ", "[table]", "# comment", "C:\\hips", "tab\there", "\\u0041", 'R_Hip"\n')

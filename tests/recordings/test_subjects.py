@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.made_motions import walk
+from ergoqp.arguments import unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.mocap.formats.c3d import read_c3d
 from ergoqp.mocap.formats.text import Asked
 from ergoqp.mocap.joints import _known, of_subject
-from ergoqp.mocap.names import CENTRES
+from ergoqp.mocap.naming import CENTRES
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import unseen
 
 COUNT = 60
 HEAD_AND_TRUNK = ("LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN")

@@ -43,12 +43,12 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.spatial.transform import Rotation
 
+from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.person import centres_of, placed
 from ergoqp.mocap.fitting.validity import Usual, not_followed, not_seen, usual_lengths
 from ergoqp.mocap.naming import CENTRES
-from ergoqp.progress import Progress, unseen
 
 _NOISE: Final = np.radians(1.0) ** 2
 """Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""

@@ -22,6 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError
 from ergoqp.mocap.formats.bag_series import (
     MOST,
@@ -40,7 +41,6 @@ from ergoqp.mocap.formats.bag_series import (
 from ergoqp.mocap.formats.opensim import tell_person
 from ergoqp.mocap.formats.text import Asked, beginning, poses_of, short, some
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 MARKS: Final = {b"#ROSBAG V": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 """First bytes of a bag's file -> the ending that rosbags expects."""

@@ -19,6 +19,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress, part_of
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
     Asked,
@@ -39,7 +40,6 @@ from ergoqp.mocap.formats.text import (
     unit_turns,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress, part_of
 
 _LEAST: Final = 6
 """Least number of bodies of each of several people."""

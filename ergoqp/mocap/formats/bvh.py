@@ -21,13 +21,13 @@ from typing import BinaryIO, Final, NoReturn
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.files.atomic import write_whole
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap.formats.text import binary, repeated, short
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress, unseen
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
 """The channel names of the format."""

@@ -29,12 +29,12 @@ from typing import Any, BinaryIO, Final, NoReturn
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import Asked, binary, repeated, seconds, short, some
 from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
-from ergoqp.mocap.names import nameless
+from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 BLOCK: Final = 512
 _KEY: Final = 0x50

@@ -22,7 +22,7 @@ from ergoqp.mocap.formats.text import (
     tick_of,
     time_head,
 )
-from ergoqp.mocap.names import squashed
+from ergoqp.mocap.naming import squashed
 
 _DAY: Final = 86_400.0
 _STAMP: Final = re.compile(

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
     Asked,
@@ -32,7 +33,6 @@ from ergoqp.mocap.formats.text import (
     unit_turns,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
 _AXES: Final = {"Position": "XYZ", "Rotation": "XYZW"}

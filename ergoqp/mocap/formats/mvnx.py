@@ -20,6 +20,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
     LARGEST,
@@ -33,7 +34,6 @@ from ergoqp.mocap.formats.text import (
     unit_turns,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 _AXES: Final = ("abduction", "rotation", "flexion")
 """Names of the three angles of a joint, in Xsens' order of the axes z, x, y."""

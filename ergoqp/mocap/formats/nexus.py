@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
     Asked,
@@ -27,9 +28,8 @@ from ergoqp.mocap.formats.text import (
     separator_of,
     short,
 )
-from ergoqp.mocap.names import nameless
+from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 SECTIONS: Final = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Events")
 """Names of sections; a file begins with one."""

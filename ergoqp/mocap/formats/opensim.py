@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
@@ -51,9 +52,8 @@ from ergoqp.mocap.formats.text import (
     short,
     some,
 )
-from ergoqp.mocap.names import CENTRES, parted
+from ergoqp.mocap.naming import CENTRES, parted
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.columns import (
     Clock,
@@ -45,7 +46,6 @@ from ergoqp.mocap.formats.text import (
     steady,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 _HEAD: Final = 20
 """Largest number of lines above the numbers that are not empty; Qualisys writes twelve."""

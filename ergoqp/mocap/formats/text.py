@@ -19,8 +19,8 @@ from typing import BinaryIO, Final, NoReturn
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.progress import Progress
 
 
 @contextmanager

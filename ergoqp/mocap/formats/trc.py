@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
     Asked,
@@ -30,7 +31,6 @@ from ergoqp.mocap.formats.text import (
     unit_by_rate,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress
 
 UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254}
 UNITS_WORDS: Final = {"millimeters": 0.001, "centimeters": 0.01, "meters": 1.0}

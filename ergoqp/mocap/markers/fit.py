@@ -29,8 +29,8 @@ from ergoqp.human.body import GROWTH, base_jacobian
 from ergoqp.human.person_file import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.person import growth_of
-from ergoqp.mocap.markers.landmarks import RIGID
 from ergoqp.mocap.markers.rigid import brought_to, shape_of
+from ergoqp.mocap.naming import RIGID
 from ergoqp.mocap.recording import JointMotion
 
 SIZE: Final = 4 + len(JOINTS)

@@ -1,23 +1,352 @@
-"""Joint centres from a recording of markers, block by block."""
+"""Joint centres from a recording of markers, block by block, by landmarks on the skin.
+
+Joint centres from landmarks on the skin.
+
+Joint centres from landmarks on the skin.
+
+The hips follow from the pelvis (Harrington et al. 2007). Knee, elbow and ankle lie half their width
+inside the outer marker, perpendicular to the bone above ("chord", Davis et al. 1991), or midway
+between the outer and the inner marker. The axis of the elbow follows from its bend, and that of the
+knee from the marker on the thigh.
+
+All lengths are in metres, and NaN means not seen. The vertical is not needed.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.person_file import Marker
 from ergoqp.joints import SIDES
-from ergoqp.mocap.markers.centres import Widths, centres_of_landmarks, roots_of
-from ergoqp.mocap.markers.landmarks import RIGID, Links, check_order, usual_distance
+from ergoqp.mocap.fitting.posture import THUMB
+from ergoqp.mocap.markers.checks import Links, check_order, usual_distance
 from ergoqp.mocap.markers.rigid import middle_of, pelvis_size, rigid_segments
-from ergoqp.mocap.names import CENTRES
+from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress, unseen
+
+
+def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
+    """Return the joint below a marker (n, 3), perpendicular to the bone from `origin` to it.
+
+    Args:
+        origin: start of the bone (n, 3).
+        marker: marker on the outside of the joint (n, 3).
+        aside: outward direction (n, 3).
+        by: distance of the joint inside the marker.
+    """
+    whole = marker - origin
+    length = np.linalg.norm(whole, axis=1, keepdims=True)
+    along = whole / np.where(length > 0, length, np.nan)
+    aside = unit(across(aside, along))
+    sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
+    cosine = np.sqrt(1 - sine**2)
+    return origin + length * cosine * (cosine * along - sine * aside)
+
+
+def either(*choices: np.ndarray) -> np.ndarray:
+    """Return the first of several vectors that is seen, in each frame (n, 3)."""
+    found = choices[-1]
+    for choice in reversed(choices[:-1]):
+        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
+    return found
+
+
+def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Return the components of vectors perpendicular to unit axes (n, 3)."""
+    return vectors - dot(vectors, axes) * axes
+
+
+def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Return the components of vectors along unit axes (n, 1)."""
+    return (vectors * axes).sum(axis=1, keepdims=True)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors of length one (n, 3); NaN for those without a direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, np.nan)
+
+
+_BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
+"""Sines of the bends up to which a limb does not show its axis, and from which it does fully."""
+_ROUNDS: Final = 5
+_OUTSIDE: Final = 0.01
+"""Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Distances of joints from their markers [m]; markers are 14 mm wide.
+
+    The defaults are adult averages. Measures in the recording replace them.
+
+    Attributes:
+        knee: half the knee's width and half a marker.
+        ankle: half the ankle's width and half a marker.
+        elbow: half the elbow's width and half a marker.
+        shoulder: from the acromion's marker down to the joint.
+        hand: half the hand's thickness and half a marker.
+    """
+
+    knee: float = 0.057
+    ankle: float = 0.043
+    elbow: float = 0.044
+    shoulder: float = 0.047
+    hand: float = 0.020
+
+    @classmethod
+    def of(cls, measures: Mapping[str, float]) -> Widths:
+        """Return the widths from the measures that Vicon's programs write into a file.
+
+        Args:
+            measures: name of a measure, in small letters -> its value [m].
+        """
+        half, found = 0.007, {}
+        for name, share in (("knee", 0.5), ("ankle", 0.5), ("elbow", 0.5), ("hand", 0.5)):
+            what = "thickness" if name == "hand" else "width"
+            sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
+            if min(sides) > 0:
+                found[name] = share * float(np.mean(sides)) + half
+        sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
+        if min(sides) > 0:
+            found["shoulder"] = float(np.mean(sides)) + half
+        # Widths that cannot be those of a person are typing errors.
+        return cls(**{name: w for name, w in found.items() if 0.5 < w / getattr(cls, name) < 2.0})
+
+
+def centres_of_landmarks(
+    at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
+) -> dict[str, np.ndarray]:
+    """Return joint centre -> positions (n, 3) [m], for the centres that are determined.
+
+    Args:
+        at: landmark of `ergoqp.mocap.naming.LANDMARKS` -> positions (n, 3) [m].
+        widths: widths of the person.
+        size: width between the ASIS and depth from them to the PSIS [m]; NaN if unknown.
+    """
+    place = _Landmarks(at)
+    level, hips = _hips(place, size)
+    trunk, down, left = _trunk(place, hips)
+    left = either(left, level)
+    centres = {**hips, **trunk, **_shoulders(place, down, widths)}
+    for side in SIDES:
+        out = -1.0 if side == "right" else 1.0
+        shoulder = centres[f"{side}_shoulder"]
+        centres |= _arm(side, out, place, shoulder, (left, down), widths)
+        centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
+    centres |= _head(place)
+    return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}
+
+
+def roots_of(
+    at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
+) -> dict[str, np.ndarray]:
+    """Return hips and shoulders (n, 3) [m], which do not depend on the markers of the limbs.
+
+    Args:
+        at: as in `centres_of_landmarks`.
+        widths: as in `centres_of_landmarks`.
+        size: as in `centres_of_landmarks`.
+    """
+    place = _Landmarks(at)
+    _, hips = _hips(place, size)
+    _, down, _ = _trunk(place, hips)
+    return hips | _shoulders(place, down, widths)
+
+
+class _Landmarks:
+    """Landmarks; a missing one is NaN everywhere."""
+
+    def __init__(self, at: Mapping[str, np.ndarray]) -> None:
+        self._at, self._lost = at, np.full_like(next(iter(at.values())), np.nan)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._at.get(name, self._lost)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._at
+
+    def middle(self, name: str) -> np.ndarray:
+        """Return the middle between both sides."""
+        return (self[f"right_{name}"] + self[f"left_{name}"]) / 2
+
+
+def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the left direction of the pelvis (n, 3), and the hip centres."""
+    width, depth = size
+    front = place.middle("asis")
+    back = either(place.middle("psis"), place["sacrum"], place["right_psis"], place["left_psis"])
+    left = unit(place["left_asis"] - place["right_asis"])
+    ahead = front - back
+    ahead = unit(across(ahead, left))
+    up = np.cross(ahead, left)
+    middle = front - (0.24 * depth + 0.0099) * ahead - (0.30 * width + 0.0109) * up
+    aside = (0.33 * width + 0.0073) * left
+    return left, {"right_hip": middle - aside, "left_hip": middle + aside}
+
+
+def _trunk(
+    place: _Landmarks, hips: Mapping[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Return the base of the neck, and the directions down and left of the trunk (n, 3)."""
+    shoulders = place.middle("acromion")
+    neck = either((place["c7"] + place["notch"]) / 2, shoulders)
+    low = either((place["back"] + place["xiphoid"]) / 2, place["back"], place["xiphoid"])
+    pelvis = (hips["right_hip"] + hips["left_hip"]) / 2
+    down = either(unit(low - neck), unit(pelvis - neck))
+    left = place["left_acromion"] - place["right_acromion"]
+    left = unit(across(left, down))
+    ahead = place["notch"] - place["c7"]
+    left = either(left, unit(np.cross(ahead, down)))
+    return {"neck": neck}, down, left
+
+
+def _shoulders(place: _Landmarks, down: np.ndarray, widths: Widths) -> dict[str, np.ndarray]:
+    return {
+        f"{side}_shoulder": place[f"{side}_acromion"] + widths.shoulder * down for side in SIDES
+    }
+
+
+def _head(place: _Landmarks) -> dict[str, np.ndarray]:
+    """Return base and top of the head, and where the nose points."""
+    front, back = place.middle("head_front"), place.middle("head_back")
+    ahead = unit(front - back)
+    left = place["left_head_front"] + place["left_head_back"]
+    left = left - place["right_head_front"] - place["right_head_back"]
+    up = np.cross(ahead, unit(across(left, ahead)))
+    middle = (front + back) / 2
+    base = middle - 0.09 * up - 0.01 * ahead
+    return {"head": base, "head_top": middle + 0.10 * up, "nose": base + 0.12 * ahead}
+
+
+def _arm(
+    side: str,
+    out: float,
+    place: _Landmarks,
+    shoulder: np.ndarray,
+    trunk: tuple[np.ndarray, np.ndarray],
+    widths: Widths,
+) -> dict[str, np.ndarray]:
+    left, down = trunk
+    pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
+    thumb, small = (place[name] for name in pair)
+    # If one of two is lost, the wrist is lost: the other is 3 cm from it in an unknown direction.
+    wrist = (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
+    outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
+    # The axis is perpendicular to upper arm and forearm. As in Plug-in Gait, the marker is used for
+    # it and not the joint below, which causes an error while the arm is nearly straight.
+    upper, fore = unit(outer - shoulder), unit(wrist - outer)
+    aside = _axis(-out * np.cross(upper, fore), _carried(out * left, down, upper), upper)
+    elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
+    # The marker of the hand is on its back.
+    radial = thumb - small
+    hand = place[f"{side}_hand"]
+    dorsal = unit(np.cross(hand - wrist, radial)) * -out
+    knuckles = hand - widths.hand * dorsal
+    along = unit(either(knuckles - wrist, wrist - elbow))
+    radial = unit(across(radial, along))
+    turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
+    return {
+        f"{side}_elbow": elbow,
+        f"{side}_wrist": wrist,
+        f"{side}_knuckles": either(knuckles, wrist + 0.08 * along),
+        f"{side}_thumb": wrist + 0.05 * turned,
+    }
+
+
+def _leg(
+    side: str,
+    out: float,
+    place: _Landmarks,
+    hip: np.ndarray,
+    left: np.ndarray,
+    widths: Widths,
+) -> dict[str, np.ndarray]:
+    knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
+    # The shank bends backward.
+    both = (ankle + place[f"{side}_inner_ankle"]) / 2
+    bent, aside = _knee(hip, knee, (ankle, both), out * left, widths, out)
+    shown = _shown(hip, knee, place[f"{side}_thigh"])
+    inner = place[f"{side}_inner_knee"]
+    middle = either((knee + inner) / 2, inside(hip, knee, shown, widths.knee), bent)
+    aside = either(shown, aside)
+    aside = either(knee - middle, aside)
+    aside = either(_shown(middle, ankle, place[f"{side}_shank"]), aside)
+    low = either(both, inside(middle, ankle, aside, widths.ankle))
+    return {
+        f"{side}_knee": middle,
+        f"{side}_ankle": low,
+        f"{side}_toe": place[f"{side}_forefoot"],
+    }
+
+
+def _knee(
+    hip: np.ndarray,
+    marker: np.ndarray,
+    ankle: tuple[np.ndarray, np.ndarray],
+    usual: np.ndarray,
+    widths: Widths,
+    out: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the knee from its marker and its bend (n, 3), and its outward direction (n, 3).
+
+    The axis is perpendicular to both bones, which depend on the knee in turn. A few rounds find
+    both.
+
+    Args:
+        hip: upper end of the thigh (n, 3).
+        marker: marker on the outside of the knee.
+        ankle: marker on the outside of the ankle, and the joint if both sides have a marker.
+        usual: outward direction while the leg is straight and does not show it.
+        widths: widths of the person.
+        out: sign of the outward direction along the cross product of both bones.
+    """
+    aside, knee = usual, marker
+    for _ in range(_ROUNDS):
+        knee = inside(hip, marker, aside, widths.knee)
+        end = either(ankle[1], inside(knee, ankle[0], aside, widths.ankle))
+        thigh, shank = unit(knee - hip), unit(end - knee)
+        aside = _axis(out * np.cross(thigh, shank), usual, thigh)
+    return knee, aside
+
+
+def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the outward direction (n, 3): from the bend, or the usual one while it is straight.
+
+    Args:
+        shown: cross product of both bones, whose length is the sine of the bend.
+        usual: usual outward direction.
+        along: direction of the bone.
+    """
+    size = np.linalg.norm(shown, axis=1, keepdims=True)
+    share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
+    usual = unit(across(usual, along))
+    both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
+    return either(unit(both), usual)
+
+
+def _carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the outward direction of a hanging bone after it is raised without axial rotation."""
+    below = np.maximum(1 + dot(down, along), 0.1)
+    raised = aside - dot(aside, along) / below * (down + along)
+    return either(raised, aside)
+
+
+def _shown(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Return the outward direction by a marker beside a bone (n, 3); NaN if it is too near."""
+    along = unit(end - origin)
+    away = beside - origin
+    away = across(away, along)
+    far = np.linalg.norm(away, axis=1, keepdims=True) > _OUTSIDE
+    return np.where(far, unit(away), np.nan)
+
 
 _BLOCK: Final = 8192
 """Frames that are computed at once."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from ergoqp.human.person_file import Marker
 from ergoqp.joints import SIDES
-from ergoqp.mocap.markers.landmarks import RIGID
+from ergoqp.mocap.naming import RIGID
 from ergoqp.mocap.recording import JointMotion
 
 _SAMPLE: Final = 2000
@@ -284,7 +284,7 @@ class Segment:
     """A rigid segment with its markers.
 
     Attributes:
-        name: its name in `ergoqp.mocap.markers.landmarks.RIGID`.
+        name: its name in `ergoqp.mocap.naming.RIGID`.
         names: its landmarks and further markers.
         places: for each, the indices of the points whose middle it is.
         shape: their positions in the segment (m, 3) [m]; NaN for an unknown one.

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import Asked
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.progress import Progress, unseen
 
 Reader = Callable[[Path, Progress, Asked], JointMotion]
 

@@ -15,11 +15,11 @@ import pytest
 from c3d_files import made
 from small_files import BODY, MOTIVE, MVNX, STORAGE, TABLE, TRC, write
 
+from ergoqp.arguments import unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.mocap import readers
 from ergoqp.mocap.formats.text import Asked
 from ergoqp.mocap.readers import KINDS, READERS, Kind, kind_of, read_motion
-from ergoqp.progress import unseen
 from ergoqp.registry import GROUPS
 
 BVH = """HIERARCHY

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ergoqp.arguments import unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.mocap.assemble import Reading, recording_of
 from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.formats.opensim import posed, read_storage
 from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR, UPPER_LIMB
 from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.load import Reading, recording_of
 from ergoqp.mocap.recording import JointMotion, Recording
-from ergoqp.progress import unseen
 
 LENGTHS = Body().lengths
 RIGHT_ARM = {"right_elbow", "right_wrist", "right_knuckles", "right_thumb"}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ergoqp.arguments import unseen
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats import text
 from ergoqp.mocap.formats.text import (
@@ -18,7 +19,6 @@ from ergoqp.mocap.formats.text import (
     count_of,
     separator_of,
 )
-from ergoqp.progress import unseen
 
 NAN = np.nan
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from ergoqp.arguments import unseen
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import TextLines
-from ergoqp.progress import unseen
 
 
 def lines_of(content: str | bytes) -> TextLines:

@@ -13,14 +13,14 @@ from benchmarks.made_motions import BODY, posture
 from ergoqp.human.person_file import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.person import centres_of
-from ergoqp.mocap.markers.centres import (
+from ergoqp.mocap.markers.fit import places_of_markers
+from ergoqp.mocap.markers.joints import (
     Widths,
     _carried,
     centres_of_landmarks,
     roots_of,
 )
-from ergoqp.mocap.markers.fit import places_of_markers
-from ergoqp.mocap.markers.landmarks import LANDMARKS, known_sets
+from ergoqp.mocap.naming import LANDMARKS, known_sets
 
 Places = dict[str, np.ndarray]
 

@@ -7,7 +7,7 @@ import pytest
 from marker_takes import NAMES, PLACES, motion, read, said
 
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.mocap.markers.landmarks import MarkerSet, known_sets
+from ergoqp.mocap.naming import MarkerSet, known_sets
 
 SETS = pytest.mark.parametrize("marker_set", known_sets(), ids=lambda each: each.title)
 WITHOUT = {

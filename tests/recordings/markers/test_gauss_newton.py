@@ -152,7 +152,7 @@ def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
     assert any(
         "lost markers are estimated from the others" in each for each in recording.assumptions
     )
-    monkeypatch.setattr(assemble, "completed", lambda *given: None)
+    monkeypatch.setattr(load, "completed", lambda *given: None)
     alone = taken(walked, lost)
     assert not alone.scored[LOST].any()
 

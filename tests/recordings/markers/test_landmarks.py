@@ -7,14 +7,7 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.mocap.markers.fit import SEGMENTS, markers_on
-from ergoqp.mocap.markers.landmarks import (
-    LANDMARKS,
-    RIGID,
-    MarkerSet,
-    above_hips,
-    best_set,
-    known_sets,
-)
+from ergoqp.mocap.naming import LANDMARKS, RIGID, MarkerSet, above_hips, best_set, known_sets
 
 SETS = pytest.mark.parametrize("marker_set", known_sets(), ids=lambda each: each.title)
 

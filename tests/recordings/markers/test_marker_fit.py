@@ -27,7 +27,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.person_file import Marker, given_person, person_with_markers, write_person
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.markers.fit import markers_on, places_of_markers
-from ergoqp.mocap.markers.landmarks import known_sets
+from ergoqp.mocap.naming import known_sets
 
 PELVIS = ("RASI", "LASI", "RPSI", "LPSI")
 LANDMARKS = {name: mark for mark, name in known_sets()[0].found_in(NAMES).items()} | {

@@ -13,8 +13,8 @@ from benchmarks.made_markers import write_c3d, write_table
 from benchmarks.made_motions import RATE
 from ergoqp.errors import RecordingError
 from ergoqp.mocap import load_recording
-from ergoqp.mocap.assemble import Reading, recording_of
 from ergoqp.mocap.fitting.axes import UPS, axes_of
+from ergoqp.mocap.load import Reading, recording_of
 from ergoqp.mocap.recording import JointMotion
 
 SHORT = slice(300, 480)

@@ -7,7 +7,8 @@ import pytest
 from marker_takes import NAMES, PLACES, at, fallen, read
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.markers.landmarks import check_order, known_sets
+from ergoqp.mocap.markers.checks import check_order
+from ergoqp.mocap.naming import known_sets
 
 EVERYWHERE = slice(None)
 WRONG = {
