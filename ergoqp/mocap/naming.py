@@ -314,16 +314,16 @@ def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
 
 
 def _set(entry: Mapping[str, Any]) -> MarkerSet:
-    landmarks = {name: _listed(theirs) for name, theirs in entry.get("middle", {}).items()}
+    landmarks = {name: _texts(theirs) for name, theirs in entry.get("middle", {}).items()}
     for side in SIDES:
         letters = {"S": side[0].upper(), "s": side[0], "side": side}
         for name, theirs in {**entry.get("sided", {}), **entry.get(side, {})}.items():
-            landmarks[f"{side}_{name}"] = tuple(t.format(**letters) for t in _listed(theirs))
+            landmarks[f"{side}_{name}"] = tuple(t.format(**letters) for t in _texts(theirs))
     more = {segment: tuple(theirs) for segment, theirs in entry.get("more", {}).items()}
     return MarkerSet(entry["title"], landmarks, more)
 
 
-def _listed(theirs: str | list[str]) -> tuple[str, ...]:
+def _texts(theirs: str | list[str]) -> tuple[str, ...]:
     return (theirs,) if isinstance(theirs, str) else tuple(theirs)
 
 

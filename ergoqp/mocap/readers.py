@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from importlib import import_module
 from numbers import Real
 from pathlib import Path
 from typing import Any, Final
@@ -15,17 +16,8 @@ import numpy as np
 from ergoqp.arguments import Progress, shown, unmasked, unseen
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.mocap.fitting.axes import UPS
-from ergoqp.mocap.formats.bag import MARKS, is_bag, read_bag
-from ergoqp.mocap.formats.bodies import is_folder_of_bodies, read_bodies
-from ergoqp.mocap.formats.bvh import read_bvh
-from ergoqp.mocap.formats.c3d import is_c3d, read_c3d
-from ergoqp.mocap.formats.motive import read_motive
-from ergoqp.mocap.formats.mvnx import read_mvnx
-from ergoqp.mocap.formats.nexus import read_nexus, section_of
-from ergoqp.mocap.formats.opensim import read_storage
-from ergoqp.mocap.formats.table import read_table
+from ergoqp.mocap.formats import BAG_MARKS, is_c3d, section_of
 from ergoqp.mocap.formats.text import FASTEST, LONGEST, SLOWEST, Asked, beginning, is_number
-from ergoqp.mocap.formats.trc import read_trc
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.registry import check_free, own_term, registered
 
@@ -55,24 +47,33 @@ class Kind:
     Attributes:
         title: its name in messages.
         endings: endings of its files, in small letters.
-        read: its reader.
+        reader: file and function of its reader, which is imported when it is needed.
     """
 
     title: str
     endings: tuple[str, ...]
-    read: Callable[[Path, Progress, Asked], JointMotion]
+    reader: str
+
+    def read(self, path: Path, progress: Progress, asked: Asked) -> JointMotion:
+        """Read a file of this format."""
+        return _function(self.reader)(path, progress, asked)
 
 
-BVH: Final = Kind("BVH", (".bvh",), lambda path, progress, asked: read_bvh(path, progress))
-C3D: Final = Kind("C3D", (".c3d",), read_c3d)
-TRC: Final = Kind("TRC", (".trc",), read_trc)
-STORAGE: Final = Kind("OpenSim motion", (".mot", ".sto"), read_storage)
-MVNX: Final = Kind("MVNX", (".mvnx",), read_mvnx)
-MOTIVE: Final = Kind("Motive CSV", (".csv",), read_motive)
-NEXUS: Final = Kind("Nexus CSV", (".csv",), read_nexus)
-TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), read_table)
-BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), read_bag)
-BODIES: Final = Kind("folder of poses", (), read_bodies)
+def _function(name: str) -> Callable[..., Any]:
+    file, function = name.split(".")
+    return getattr(import_module(f"ergoqp.mocap.formats.{file}"), function)
+
+
+BVH: Final = Kind("BVH", (".bvh",), "bvh.read_bvh")
+C3D: Final = Kind("C3D", (".c3d",), "c3d.read_c3d")
+TRC: Final = Kind("TRC", (".trc",), "trc.read_trc")
+STORAGE: Final = Kind("OpenSim motion", (".mot", ".sto"), "opensim.read_storage")
+MVNX: Final = Kind("MVNX", (".mvnx",), "mvnx.read_mvnx")
+MOTIVE: Final = Kind("Motive CSV", (".csv",), "motive.read_motive")
+NEXUS: Final = Kind("Nexus CSV", (".csv",), "nexus.read_nexus")
+TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), "table.read_table")
+BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), "bag.read_bag")
+BODIES: Final = Kind("folder of poses", (), "bodies.read_bodies")
 KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG, BODIES)
 """The formats that are read, with the usual endings of their files."""
 
@@ -89,9 +90,9 @@ def kind_of(path: Path) -> Kind:
         RecordingError: if the format is unknown.
     """
     if os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
-        if is_bag(path):
+        if _function("bag.is_bag")(path):
             return BAG
-        if is_folder_of_bodies(path):
+        if _function("bodies.is_folder_of_bodies")(path):
             return BODIES
         raise RecordingError(
             f"{str(path)!r} is a folder, allowed the recording file itself, a bag's folder or one"
@@ -130,7 +131,7 @@ def kind_of(path: Path) -> Kind:
 
 def _marked(first: bytes) -> Kind | None:
     """Return the format whose mark is at the start of a file; None if there is none."""
-    if first.startswith(tuple(MARKS)):
+    if first.startswith(tuple(BAG_MARKS)):
         return BAG
     if is_c3d(first):
         return C3D

@@ -24,6 +24,7 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError
+from ergoqp.mocap.formats import BAG_MARKS
 from ergoqp.mocap.formats.bag_series import (
     MOST,
     Frames,
@@ -42,8 +43,6 @@ from ergoqp.mocap.formats.opensim import tell_person
 from ergoqp.mocap.formats.text import Asked, beginning, poses_of, short, some
 from ergoqp.mocap.recording import JointMotion
 
-MARKS: Final = {b"#ROSBAG V": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
-"""First bytes of a bag's file -> the ending that rosbags expects."""
 _STORAGES: Final = (".db3", ".mcap")
 _METADATA: Final = "metadata.yaml"
 _SPECIAL: Final = "?#%"
@@ -56,7 +55,7 @@ def is_bag(path: Path) -> bool:
     A folder without metadata is a bag if it contains files of a bag and nothing else.
     """
     if not os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
-        return path.suffix.lower() in MARKS.values()
+        return path.suffix.lower() in BAG_MARKS.values()
     metadata = path / _METADATA
     if metadata.is_file() and b"rosbag2_bagfile_information" in beginning(metadata):
         return True
@@ -126,8 +125,8 @@ def _fault(error: Exception) -> str:
 
 def _known_file(path: Path, stack: ExitStack) -> Path:
     """Return a bag's file under a name that rosbags accepts."""
-    first = beginning(path, max(map(len, MARKS)))
-    ending = next((ending for mark, ending in MARKS.items() if first.startswith(mark)), None)
+    first = beginning(path, max(map(len, BAG_MARKS)))
+    ending = next((ending for mark, ending in BAG_MARKS.items() if first.startswith(mark)), None)
     if ending is None:
         raise RecordingError(
             f"{path.name}: got a file that does not begin like a bag, allowed a whole ROS bag"

@@ -26,7 +26,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.files.atomic import write_whole
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.mocap.formats.text import binary, repeated, short
+from ergoqp.mocap.formats.text import Asked, binary, repeated, short
 from ergoqp.mocap.recording import JointMotion
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -313,7 +313,7 @@ def _plain(text: str) -> bool:
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
-def read_bvh(path: Path, progress: Progress = unseen) -> JointMotion:
+def read_bvh(path: Path, progress: Progress = unseen, asked: Asked | None = None) -> JointMotion:
     """Read a BVH file.
 
     End sites are not joints: they state the drawn length of the last bone, not a measured point.
@@ -321,6 +321,7 @@ def read_bvh(path: Path, progress: Progress = unseen) -> JointMotion:
     Args:
         path: the file.
         progress: is called with the share of the file that is read.
+        asked: unused, because the file states its names and times.
 
     Returns:
         The centres of all joints of the file's skeleton.

@@ -8,7 +8,8 @@ import pytest
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, fitted, walk
 from ergoqp.joints import INDEX
-from ergoqp.mocap import Recording, assemble, fit_postures
+from ergoqp.mocap import Recording, fit_postures
+from ergoqp.mocap import load as loading
 from ergoqp.mocap.fitting.person import growth_of
 from ergoqp.mocap.markers.fit import SEGMENTS, _placed_with_slope, told_markers
 from ergoqp.sheets.description import elevation_of
@@ -152,7 +153,7 @@ def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
     assert any(
         "lost markers are estimated from the others" in each for each in recording.assumptions
     )
-    monkeypatch.setattr(load, "completed", lambda *given: None)
+    monkeypatch.setattr(loading, "completed", lambda *given: None)
     alone = taken(walked, lost)
     assert not alone.scored[LOST].any()
 
