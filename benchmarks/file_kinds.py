@@ -22,12 +22,12 @@ from ergoqp.joints import JOINTS
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.one_class import load_one_class
 from ergoqp.mocap import load_recording
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.formats.bvh import write_bvh
-from ergoqp.paths import data_folder
+from ergoqp.mocap.naming import centres_of
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import load_problem
+from ergoqp.registry import data_folder
 
 Rng = np.random.Generator
 

@@ -40,9 +40,9 @@ from ergoqp.costs.load import load_cost
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary
-from ergoqp.paths import data_folder
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
+from ergoqp.registry import data_folder
 from ergoqp.rest.best_place import draw_starts, workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker

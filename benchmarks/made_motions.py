@@ -9,7 +9,7 @@ import numpy as np
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import Recording, fit_postures
-from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.naming import centres_of
 from ergoqp.sheets.description import elevation_of
 
 RATE = 60.0

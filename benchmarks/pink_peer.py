@@ -19,8 +19,8 @@ from pink.tasks import Task
 
 from benchmarks.mink_peer import ArmColumns, Call, PeerTimes, resting, timed
 from ergoqp.expressions.evaluator import Evaluator
-from ergoqp.paths import data_folder
 from ergoqp.problem.problem import Problem
+from ergoqp.registry import data_folder
 from ergoqp.step.qp import qp_data
 from ergoqp.whole_body.formulation import (
     SETTINGS,

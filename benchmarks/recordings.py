@@ -61,10 +61,11 @@ from benchmarks.report import Report, run
 from ergoqp import reba
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import Recording, load_recording
+from ergoqp.mocap.assumptions import measured_lengths, suggested_stature
 from ergoqp.mocap.fitting.axes import axes_of, find_unit, find_up, leans
-from ergoqp.mocap.fitting.person import centres_of, measured_lengths, suggested_stature
 from ergoqp.mocap.joints import joints_of
 from ergoqp.mocap.load import CALIBRATION
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.readers import read_motion
 from ergoqp.mocap.recorded import as_recorded
 from ergoqp.problem.load import load_problem

@@ -52,7 +52,7 @@ from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
 from ergoqp.joints import SIDES
-from ergoqp.paths import data_folder
+from ergoqp.registry import data_folder
 from ergoqp.sheets.options import Method, sheet_of
 
 SEED, UNSEEN = 0, 2024

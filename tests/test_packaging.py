@@ -124,8 +124,8 @@ def test_source_distribution_holds_everything(distributions):
 
 def test_wheel_works_elsewhere(installed, tmp_path):
     code = (
-        "import ergoqp; from pathlib import Path; from ergoqp.human import Body; from ergoqp.paths"
-        " import data_folder\nassert data_folder('models').parent =="
+        "import ergoqp; from pathlib import Path; from ergoqp.human import Body\n"
+        "from ergoqp.registry import data_folder\nassert data_folder('models').parent =="
         " Path(ergoqp.__file__).parent\nprint(ergoqp.__file__,"
         " ergoqp.load_problem('screwing').name, Body().model.nq)"
     )

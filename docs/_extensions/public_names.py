@@ -124,7 +124,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.mocap.recording.JointMotion",
         "ergoqp.mocap.naming.CENTRES",
         "ergoqp.mocap.naming.LANDMARKS",
-        "ergoqp.mocap.fitting.person.centres_of",
+        "ergoqp.mocap.naming.centres_of",
     ),
     "Places": (
         "ergoqp.optimise",

@@ -23,7 +23,7 @@ from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap import Recording
-from ergoqp.mocap.fitting.person import side_measured
+from ergoqp.mocap.assumptions import side_measured
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.naming import CENTRES, LANDMARKS, template
 from ergoqp.report.score_page import write_score_page

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import ErgoqpError
 from ergoqp.files.atomic import whole
 from ergoqp.files.read import read_npz
-from ergoqp.paths import cache_folder
+from ergoqp.registry import cache_folder
 
 
 def digest_of(content: Any) -> str:
@@ -27,7 +27,7 @@ def digest_of(content: Any) -> str:
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """Arrays by name, in one file below :func:`ergoqp.paths.cache_folder`.
+    """Arrays by name, in one file below :func:`ergoqp.registry.cache_folder`.
 
     Attributes:
         kind: kind of content; it is the name of the folder.

@@ -20,7 +20,24 @@ from ergoqp.arguments import check_kind, check_number, check_real, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import matrix_of
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.paths import data_folder
+from ergoqp.registry import data_folder
+
+
+@dataclass(frozen=True)
+class Marker:
+    """Position of a marker on the body.
+
+    Attributes:
+        frame: frame that it moves with, one of `ergoqp.human.FRAMES`.
+        offset: position in that frame, along its axes [m].
+        residual: root of the mean squared distance between the marker and this position on the
+            fitted body [m]; NaN if it was never seen.
+    """
+
+    frame: str
+    offset: tuple[float, float, float]
+    residual: float
+
 
 FRACTIONS: Final[dict[str, float]] = {
     "trunk": 0.300,

@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 from typing import Any, Final
@@ -30,24 +29,7 @@ from typing import Any, Final
 from ergoqp.arguments import check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.files.read import read_toml
-from ergoqp.human.body import FRACTIONS, FRAMES, MASS_RANGE, Body, believable
-
-
-@dataclass(frozen=True)
-class Marker:
-    """Position of a marker on the body.
-
-    Attributes:
-        frame: frame that it moves with, one of `ergoqp.human.FRAMES`.
-        offset: position in that frame, along its axes [m].
-        residual: root of the mean squared distance between the marker and this position on the
-            fitted body [m]; NaN if it was never seen.
-    """
-
-    frame: str
-    offset: tuple[float, float, float]
-    residual: float
-
+from ergoqp.human.body import FRACTIONS, FRAMES, MASS_RANGE, Body, Marker, believable
 
 _FARTHEST: Final = 2.0
 """Largest distance of a marker from its segment [m]."""

@@ -15,24 +15,25 @@ from numpy.typing import ArrayLike
 from ergoqp.arguments import Progress, names_of, part_of, path_of, shown, unmasked, unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
-from ergoqp.human.person_file import Marker, person_with_markers
+from ergoqp.human.body import Marker
+from ergoqp.human.person_file import person_with_markers
 from ergoqp.mocap.assumptions import Reading as Reading
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
     measured_body,
+    measured_lengths,
     remarks,
     straight_of,
+    suggested_stature,
     unit_by_stature,
     windowed,
 )
 from ergoqp.mocap.fitting.axes import UPS, calibration_poses, check_sides, shift_of, straightened
-from ergoqp.mocap.fitting.person import measured_lengths, suggested_stature
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.validity import smoothed
 from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, Asked, short
 from ergoqp.mocap.joints import joints_of
-from ergoqp.mocap.markers.fit import completed, markers_on
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
 from ergoqp.mocap.recording import JointMotion, Recording
@@ -135,6 +136,8 @@ def recording_of(
         seen = {name: whole.of(name)[frames].astype(float) @ to_ours.T for name in markers}
         seen |= {name: seen[name] + shift[frames] for name, shift in along.items()}
         steady = _calibrated(body, result, frames, seen, landmarks)
+        from ergoqp.mocap.markers.fit import completed
+
         more = completed(whole, steady, body, result.pelvis, result.postures, to_ours, along)
         if more is not None:
             again = replace(reading, window=None, subject=None, completed=True)
@@ -218,6 +221,10 @@ def _calibrated(
     landmarks: Mapping[str, str],
 ) -> dict[str, Marker]:
     """Return the places of markers on the body, from the scored frames if there are enough."""
+    if not markers:
+        return {}
+    from ergoqp.mocap.markers.fit import markers_on
+
     shown = np.ones(len(frames), dtype=bool)
     for unscored in result.not_scored.values():
         shown &= ~unscored[frames]
@@ -350,7 +357,7 @@ def fit_postures(
 
     >>> import numpy as np
     >>> from ergoqp.human import Body
-    >>> from ergoqp.mocap.fitting.person import centres_of
+    >>> from ergoqp.mocap.naming import centres_of
     >>> pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (50, 1))
     >>> centres = centres_of(Body(), pelvis, np.zeros((50, 32)))
     >>> recording = fit_postures(list(centres), np.stack(list(centres.values()), axis=1), 50.0)

@@ -16,19 +16,22 @@ from __future__ import annotations
 import re
 import tomllib
 import unicodedata
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+import casadi as ca
 import numpy as np
 
 from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.files.read import read_toml
-from ergoqp.joints import SIDES
+from ergoqp.human import FRACTIONS, Body, Kinematics
+from ergoqp.human.body import GROWTH
+from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.recording import JointMotion
 
@@ -550,3 +553,66 @@ def _shared_prefixes(names: tuple[str, ...]) -> list[str]:
     first = names[0] if names else ""
     starts = [first[: i + 1] for i, letter in enumerate(first) if letter in ":/_"]
     return [s for s in reversed(starts) if all(name.startswith(s) for name in names)] + [""]
+
+
+_MEASURED: Final = tuple(
+    centre for centre in CENTRES if not centre.endswith(("nose", "knuckles", "thumb"))
+)
+"""Centres with an anatomical position; the others only define a direction."""
+
+
+_CENTRES_BLOCK: Final = 4096
+
+
+def placed(names: Iterable[str]) -> list[str]:
+    """Return those of some centres that have an anatomical position."""
+    return [name for name in names if name in _MEASURED]
+
+
+def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the body's joint centres that have an anatomical position.
+
+    Args:
+        body: the person.
+        pelvis: x, y, z [m] and yaw [rad] (n, 4).
+        postures: joint angles (n, 32) [rad].
+
+    Returns:
+        Centre -> positions (n, 3) [m].
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.human import Body
+
+        >>> pelvis = np.array([[0.0, 0.0, 0.9, 0.0]])
+        >>> centres = centres_of(Body(), pelvis, np.zeros((1, 32)))
+        >>> float(centres["left_wrist"][0, 1].round(3))
+        0.184
+    """
+    z, function, growth = np.hstack([pelvis, postures]), _centres_function(), growth_of(body)
+    parts = [
+        np.array(function(z[at : at + _CENTRES_BLOCK].T, growth))
+        for at in range(0, len(z), _CENTRES_BLOCK)
+    ]
+    places = np.hstack(parts).reshape(len(_MEASURED), 3, -1)
+    return {centre: place.T for centre, place in zip(_MEASURED, places, strict=True)}
+
+
+def growth_of(body: Body) -> np.ndarray:
+    """Return a body's growth over the nominal body (14,), in the order of `GROWTH`."""
+    nominal = Body()
+    whole = body.stature / nominal.stature
+    growth = [whole - 1]
+    growth += [body.lengths[name] / nominal.lengths[name] - whole for name in FRACTIONS]
+    return np.array(growth)
+
+
+@cache
+def _centres_function() -> ca.Function:
+    """Return a function: pelvis and posture (36,), growth (14,) -> positions of `_MEASURED`."""
+    z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
+    kinematics = Kinematics(Body(), growth)
+    cos, sin = ca.cos(z[3]), ca.sin(z[3])
+    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    places = [z[:3] + yaw @ kinematics.at(centre, z[4:])[0] for centre in _MEASURED]
+    return ca.Function("centres", [z, growth], [ca.densify(ca.cse(ca.vertcat(*places)))])

@@ -16,8 +16,15 @@ import numpy as np
 from ergoqp.arguments import Progress, shown, unmasked, unseen
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.mocap.fitting.axes import UPS
-from ergoqp.mocap.formats import BAG_MARKS, is_c3d, section_of
-from ergoqp.mocap.formats.text import FASTEST, LONGEST, SLOWEST, Asked, beginning, is_number
+from ergoqp.mocap.formats.text import (
+    BAG_MARKS,
+    FASTEST,
+    LONGEST,
+    SLOWEST,
+    Asked,
+    beginning,
+    is_number,
+)
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.registry import check_free, own_term, registered
 
@@ -133,7 +140,7 @@ def _marked(first: bytes) -> Kind | None:
     """Return the format whose mark is at the start of a file; None if there is none."""
     if first.startswith(tuple(BAG_MARKS)):
         return BAG
-    if is_c3d(first):
+    if first[1:2] == b"P" and _function("c3d.is_c3d")(first):
         return C3D
     text = first.decode("utf-8-sig", "replace").lstrip()
     if text.startswith("HIERARCHY"):
@@ -144,7 +151,7 @@ def _marked(first: bytes) -> Kind | None:
         return MVNX
     if text.startswith(("Format Version", '"Format Version')):
         return MOTIVE
-    if section_of(text.partition("\n")[0]):
+    if _function("nexus.section_of")(text.partition("\n")[0]):
         return NEXUS
     # Line by line, because one pattern over all lines could take very long.
     if any(re.fullmatch(r"\W*endheader\W*", row, re.IGNORECASE) for row in text.split("\n")):

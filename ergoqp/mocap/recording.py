@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.person_file import Marker
+from ergoqp.human.body import Marker
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Recording:
         >>> import numpy as np
         >>> from ergoqp import fit_postures, reba
         >>> from ergoqp.human import Body
-        >>> from ergoqp.mocap.fitting.person import centres_of
+        >>> from ergoqp.mocap.naming import centres_of
         >>> pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (50, 1))
         >>> centres = centres_of(Body(), pelvis, np.zeros((50, 32)))
         >>> recording = fit_postures(list(centres), np.stack(list(centres.values()), axis=1), 50.0)

@@ -18,7 +18,7 @@ from typing import Final
 import casadi as ca
 
 from ergoqp.errors import ErgoqpError
-from ergoqp.paths import cache_folder
+from ergoqp.registry import cache_folder
 from ergoqp.solvers.daqp import Daqp
 
 FLAGS: Final = (

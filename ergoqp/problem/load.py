@@ -30,7 +30,6 @@ from ergoqp.limits import (
     TwistLimit,
     WorkspaceBox,
 )
-from ergoqp.paths import data_folder
 from ergoqp.problem.messages import full_keys, given_tables, listed, mistakes, unusual
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.schema import (
@@ -43,6 +42,7 @@ from ergoqp.problem.schema import (
     point_speed,
 )
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
+from ergoqp.registry import data_folder
 from ergoqp.responses import IkResponse, LinearResponse, Response
 from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method

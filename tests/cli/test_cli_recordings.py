@@ -10,7 +10,7 @@ from command_line import mistake
 
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
-from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.naming import centres_of
 
 BROKEN = ["empty", "text", "truncated", "cut", "still", "no_frames", "huge", "nan", "spider"]
 

@@ -23,7 +23,7 @@ from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
 from ergoqp.errors import InputError, ModelError
 from ergoqp.joints import INDEX
-from ergoqp.paths import data_folder
+from ergoqp.registry import data_folder
 
 NAMES = ("trunk_flexion", "neck_flexion", "left_elbow_flexion")
 

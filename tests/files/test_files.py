@@ -16,9 +16,9 @@ from ergoqp.costs.load import load_cost
 from ergoqp.errors import ErgoqpError, InputError, ModelError
 from ergoqp.files.read import LARGEST, json_of, read_json, read_npz, read_toml
 from ergoqp.learning.model_file import load_model, save_model
-from ergoqp.paths import data_folder
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import load_problem
+from ergoqp.registry import data_folder
 
 
 def npy(shape: str, data: bytes, kind: str = "<f8") -> bytes:

@@ -9,9 +9,9 @@ import pytest
 
 from ergoqp.errors import InputError
 from ergoqp.human import FRACTIONS, Body
-from ergoqp.human.body import believable
-from ergoqp.human.person_file import Marker, given_person, person_with_markers, write_person
-from ergoqp.mocap.fitting.person import measured_person
+from ergoqp.human.body import Marker, believable
+from ergoqp.human.person_file import given_person, person_with_markers, write_person
+from ergoqp.mocap.assumptions import measured_person
 
 NAMES = ["LASI", "L ASI", "Ärm.1", 'with "quotes" and \\', "tab\tline\nbell\x07", "\x7f", "🦴", ""]
 

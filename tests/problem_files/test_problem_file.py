@@ -15,8 +15,8 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, JointLimit, WorkspaceBox
-from ergoqp.paths import data_folder
 from ergoqp.problem.load import TASKS, load_problem, problem_from_dict, problem_names
+from ergoqp.registry import data_folder
 
 LEAST = {"response": {"ik": {}}}
 

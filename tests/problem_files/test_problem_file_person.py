@@ -10,7 +10,8 @@ import pytest
 
 from ergoqp.errors import ProblemError
 from ergoqp.human import Body
-from ergoqp.human.person_file import Marker, write_person
+from ergoqp.human.body import Marker
+from ergoqp.human.person_file import write_person
 from ergoqp.problem.load import load_problem, problem_from_dict
 from ergoqp.problem.problem import Problem
 

@@ -12,7 +12,7 @@ from benchmarks.made_motions import BODY, RATE, Places, posture
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.mocap import load_recording
-from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.naming import centres_of
 
 COUNT = 60
 PELVIS = np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1))

@@ -13,8 +13,8 @@ from ergoqp import reba
 from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import fit_postures
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 
 

@@ -15,9 +15,9 @@ from benchmarks.made_motions import SHOULDERS
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.mocap.fitting import posture as fitting
-from ergoqp.mocap.fitting.person import centres_of
-from ergoqp.mocap.fitting.posture import fit, steady
-from ergoqp.mocap.naming import CENTRES
+from ergoqp.mocap.fitting.posture import fit
+from ergoqp.mocap.fitting.validity import steady
+from ergoqp.mocap.naming import CENTRES, centres_of
 from ergoqp.sheets.description import elevation_of
 
 BODY = Body.of_lengths({"upper_arm": 0.33, "forearm": 0.24, "thigh": 0.40, "trunk": 0.50})

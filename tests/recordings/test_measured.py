@@ -7,7 +7,8 @@ import pytest
 
 from ergoqp.human import FRACTIONS, Body
 from ergoqp.mocap import fit_postures
-from ergoqp.mocap.fitting.person import centres_of, side_measured
+from ergoqp.mocap.assumptions import side_measured
+from ergoqp.mocap.naming import centres_of
 
 CENTRES = centres_of(Body(), np.tile([0.0, 0.0, 0.9, 0.0], (50, 1)), np.zeros((50, 32)))
 

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.load import Reading, recording_of
-from ergoqp.mocap.naming import Naming, known_namings, naming_of
+from ergoqp.mocap.naming import Naming, centres_of, known_namings, naming_of
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import AHEAD, oriented
 

@@ -12,7 +12,7 @@ import pytest
 
 from ergoqp.errors import RecordingError, UnknownNamesError
 from ergoqp.mocap import load_recording
-from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.naming import centres_of
 
 ARMS = [f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist")]
 

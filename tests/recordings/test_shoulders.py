@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from ergoqp.human import FRACTIONS, Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import unseen
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import SAID
 from ergoqp.sheets.description import elevation_of

@@ -9,8 +9,8 @@ from benchmarks.made_motions import BODY, Places, fitted, posture, walk
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
 from ergoqp.mocap.fitting.axes import check_sides
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import AHEAD
 

@@ -16,7 +16,7 @@ from ergoqp.joints import INDEX, SIDES
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.mocap.demo_recording import demo_recording
-from ergoqp.mocap.fitting.person import centres_of
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recorded import as_recorded, planted, seat_above_feet
 from ergoqp.simulation.people import person_of_kind
 

@@ -10,7 +10,7 @@ from ergoqp.human.forearm import forearm_length
 from ergoqp.lab.forearm import forearm_data, true_cost
 from ergoqp.lab.forearm_models import KERNELS, descend, fit_forearm_models, keep_length, slope_of
 from ergoqp.learning.one_class import load_one_class
-from ergoqp.paths import data_folder
+from ergoqp.registry import data_folder
 
 FILES = ("forearm_svr", "forearm_ladder", "forearm_boundary")
 

@@ -20,8 +20,8 @@ from ergoqp.human import FRACTIONS, Body
 from ergoqp.human.body import NOMINAL_STATURE
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.lab.people.habits import Sex
-from ergoqp.paths import data_folder
 from ergoqp.problem.settings import DeclaredRobot
+from ergoqp.registry import data_folder
 
 
 class Segment(NamedTuple):

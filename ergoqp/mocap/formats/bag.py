@@ -24,7 +24,6 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError
-from ergoqp.mocap.formats import BAG_MARKS
 from ergoqp.mocap.formats.bag_series import (
     MOST,
     Frames,
@@ -40,7 +39,7 @@ from ergoqp.mocap.formats.bag_series import (
     turns_of,
 )
 from ergoqp.mocap.formats.opensim import tell_person
-from ergoqp.mocap.formats.text import Asked, beginning, poses_of, short, some
+from ergoqp.mocap.formats.text import BAG_MARKS, Asked, beginning, poses_of, short, some
 from ergoqp.mocap.recording import JointMotion
 
 _STORAGES: Final = (".db3", ".mcap")

@@ -31,12 +31,16 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats import C3D_BLOCK, C3D_KEY, C3D_PROCESSORS
 from ergoqp.mocap.formats.text import Asked, binary, repeated, seconds, short, some
 from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
 
+BLOCK: Final = 512
+_KEY: Final = 0x50
+"""Second byte of a file."""
+_PROCESSORS: Final = {84: "Intel", 85: "DEC", 86: "MIPS"}
+"""Fourth byte of the parameters -> the computer whose numbers the file has."""
 _MOST: Final = 1 << 20
 """Largest number of bytes of parameters; the format allows 255 blocks."""
 _DIMENSIONS: Final = 7
@@ -129,6 +133,18 @@ class Head:
         return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
 
 
+def is_c3d(first: bytes) -> bool:
+    """Return whether a file is a C3D file, from its first bytes.
+
+    Args:
+        first: its first bytes, 255 blocks or all.
+    """
+    if len(first) < BLOCK or first[1] != _KEY or first[0] < 2:
+        return False
+    at = BLOCK * (first[0] - 1) + 3
+    return at < len(first) and first[at] in _PROCESSORS
+
+
 def read_head(path: Path, file: BinaryIO) -> Head:
     """Return the header and the parameters of a file.
 
@@ -139,28 +155,28 @@ def read_head(path: Path, file: BinaryIO) -> Head:
     Raises:
         RecordingError: if it is not a C3D file, is cut, or states an impossible value.
     """
-    top = file.read(C3D_BLOCK)
-    if len(top) < C3D_BLOCK or top[1] != C3D_KEY:
+    top = file.read(BLOCK)
+    if len(top) < BLOCK or top[1] != _KEY:
         fail(path, "got no C3D header, allowed 512 bytes of which the second is 80")
-    begin = C3D_BLOCK * (top[0] - 1)
+    begin = BLOCK * (top[0] - 1)
     if begin <= 0:
         fail(path, f"parameters: got block {top[0]}, allowed a block after the header")
     file.seek(begin)
     leading = file.read(4)
     if len(leading) < 4:
         fail(path, f"parameters: got block {top[0]}, allowed a block in the file; the file is cut")
-    if leading[3] not in C3D_PROCESSORS:
-        kinds = ", ".join(f"{code} ({name})" for code, name in C3D_PROCESSORS.items())
+    if leading[3] not in _PROCESSORS:
+        kinds = ", ".join(f"{code} ({name})" for code, name in _PROCESSORS.items())
         fail(path, f"processor: got {leading[3]}, allowed {kinds}")
-    numbers = Numbers(C3D_PROCESSORS[leading[3]])
+    numbers = Numbers(_PROCESSORS[leading[3]])
     words = [int(word) % 65536 for word in numbers.integers(top[:26])]
-    start = C3D_BLOCK * (words[8] - 1)
+    start = BLOCK * (words[8] - 1)
     # There may be more blocks than one byte can count.
-    long = min(max(C3D_BLOCK * leading[2], start - begin), _MOST)
+    long = min(max(BLOCK * leading[2], start - begin), _MOST)
     parameters, end = _parameters(path, leading + file.read(long - 4), long, numbers)
     if not words[1]:
         fail(path, "got no point in a frame, allowed markers; analog data show no movement")
-    if not (start > begin + end or C3D_BLOCK <= start < begin):
+    if not (start > begin + end or BLOCK <= start < begin):
         fail(path, f"begin of the frames: got byte {start}, allowed a byte after the parameters")
     point = parameters.get("POINT", {})
     scale, rate = (float(numbers.floats(top[at : at + 4])[0]) for at in (12, 20))
@@ -352,7 +368,7 @@ def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, t
     if more < 0:
         fail(path, f"got {there} frames, allowed {count} as stated; the file is cut")
     # The rotations of segments are stored after the points.
-    if more < 2 + C3D_BLOCK // head.frame_bytes or "ROTATION" in head.parameters:
+    if more < 2 + BLOCK // head.frame_bytes or "ROTATION" in head.parameters:
         return count, ()
     return count, (
         f"The file states {count} frames and is long enough for {there}: the data after the stated"
@@ -401,20 +417,20 @@ def _left(count: int, head: Head, size: int) -> int:
 
 def _fills(count: int, head: Head, size: int) -> bool:
     """Return whether some number of frames fills a file, up to a rest of less than a block."""
-    return 0 <= _left(count, head, size) < C3D_BLOCK
+    return 0 <= _left(count, head, size) < BLOCK
 
 
 def _begun_anew(count: int, head: Head, size: int) -> bool:
     """Return whether a file holds a multiple of 65 536 frames more than a count."""
     left = _left(count, head, size)
     round_ = (_LONGEST + 1) * head.frame_bytes
-    return count <= _LONGEST and left >= round_ and left % round_ < C3D_BLOCK
+    return count <= _LONGEST and left >= round_ and left % round_ < BLOCK
 
 
 def _tail(file: BinaryIO, head: Head, count: int) -> bool:
     """Return whether there is other data than zeros after some number of frames."""
     file.seek(head.start + count * head.frame_bytes)
-    return any(file.read(C3D_BLOCK))
+    return any(file.read(BLOCK))
 
 
 _BLOCK: Final = 4 << 20

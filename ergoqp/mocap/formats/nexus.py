@@ -15,7 +15,6 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats import section_of
 from ergoqp.mocap.formats.text import (
     Asked,
     Gathered,
@@ -32,8 +31,16 @@ from ergoqp.mocap.formats.text import (
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
 
+SECTIONS: Final = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Events")
+"""Names of sections; a file begins with one."""
 _UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0}
 _FASTEST: Final = 10_000.0
+
+
+def section_of(row: str) -> str | None:
+    """Return the section that a row begins; None if it begins none."""
+    word = row.strip(' \t\r\n,;"')
+    return word if word in SECTIONS else None
 
 
 def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:

@@ -22,6 +22,9 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 
+BAG_MARKS: Final = {b"#ROSBAG V": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
+"""First bytes of a ROS bag's file -> the ending that rosbags expects."""
+
 
 @contextmanager
 def binary(path: Path) -> Iterator[BinaryIO]:

@@ -23,11 +23,11 @@ import numpy as np
 
 from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
-from ergoqp.human.person_file import Marker
+from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES
 from ergoqp.mocap.fitting.posture import THUMB
-from ergoqp.mocap.markers.checks import Links, check_order, usual_distance
-from ergoqp.mocap.markers.rigid import middle_of, pelvis_size, rigid_segments
+from ergoqp.mocap.markers.fit import check_order
+from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
 from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
 

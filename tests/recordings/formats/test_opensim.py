@@ -14,11 +14,11 @@ from ergoqp.arguments import unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.formats.opensim import posed, read_storage
 from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR, UPPER_LIMB
 from ergoqp.mocap.formats.text import Asked
 from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion, Recording
 
 LENGTHS = Body().lengths

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, posture
-from ergoqp.human.person_file import Marker
+from ergoqp.human.body import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.markers.fit import places_of_markers
 from ergoqp.mocap.markers.joints import (
     Widths,
@@ -20,7 +19,7 @@ from ergoqp.mocap.markers.joints import (
     centres_of_landmarks,
     roots_of,
 )
-from ergoqp.mocap.naming import LANDMARKS, known_sets
+from ergoqp.mocap.naming import LANDMARKS, centres_of, known_sets
 
 Places = dict[str, np.ndarray]
 

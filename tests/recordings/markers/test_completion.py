@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, RATE, fitted, walk
-from ergoqp.human.person_file import Marker
+from ergoqp.human.body import Marker
 from ergoqp.mocap.markers.fit import completed, has_gaps
 from ergoqp.mocap.recording import JointMotion
 

@@ -9,9 +9,8 @@ from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, fitted, walk
 from ergoqp.joints import INDEX
 from ergoqp.mocap import Recording, fit_postures
-from ergoqp.mocap import load as loading
-from ergoqp.mocap.fitting.person import growth_of
 from ergoqp.mocap.markers.fit import SEGMENTS, _placed_with_slope, told_markers
+from ergoqp.mocap.naming import growth_of
 from ergoqp.sheets.description import elevation_of
 
 LOST = slice(100, 200)
@@ -153,7 +152,7 @@ def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
     assert any(
         "lost markers are estimated from the others" in each for each in recording.assumptions
     )
-    monkeypatch.setattr(loading, "completed", lambda *given: None)
+    monkeypatch.setattr("ergoqp.mocap.markers.fit.completed", lambda *given: None)
     alone = taken(walked, lost)
     assert not alone.scored[LOST].any()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.mocap.markers.checks import Links, usual_distance
+from ergoqp.mocap.markers.rigid import Links, usual_distance
 
 COUNT = 200
 LEG = {

@@ -24,7 +24,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.made_markers import plug_in_gait, write_c3d
 from benchmarks.made_motions import BODY, RATE
 from ergoqp.errors import RecordingError
-from ergoqp.human.person_file import Marker, given_person, person_with_markers, write_person
+from ergoqp.human.body import Marker
+from ergoqp.human.person_file import given_person, person_with_markers, write_person
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.markers.fit import markers_on, places_of_markers
 from ergoqp.mocap.naming import known_sets

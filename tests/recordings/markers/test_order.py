@@ -7,7 +7,7 @@ import pytest
 from marker_takes import NAMES, PLACES, at, fallen, read
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.markers.checks import check_order
+from ergoqp.mocap.markers.fit import check_order
 from ergoqp.mocap.naming import known_sets
 
 EVERYWHERE = slice(None)

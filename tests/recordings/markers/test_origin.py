@@ -11,8 +11,8 @@ from marker_takes import NAMES, OFF, PLACES, at, read, said, undisturbed, worst
 from benchmarks.made_motions import RATE
 from ergoqp.human import Body
 from ergoqp.mocap import fit_postures, load_recording
-from ergoqp.mocap.fitting.person import centres_of
 from ergoqp.mocap.markers.joints import off_origin
+from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 
 SENTENCE = "markers at exactly 0, 0, 0 are taken as not seen"
