@@ -21,7 +21,7 @@ import mink
 import mujoco
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper

@@ -18,7 +18,7 @@ from pink.limits import Limit
 from pink.tasks import Task
 
 from benchmarks.mink_peer import ArmColumns, Call, PeerTimes, resting, timed
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.registry import data_folder
 from ergoqp.step.qp import qp_data

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
 from ergoqp.step.model import StepModel

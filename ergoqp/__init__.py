@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
     from ergoqp.step.answer import Step as Step
+    from ergoqp.step.function import initial_state as initial_state
     from ergoqp.step.function import step_function as step_function
     from ergoqp.step.replay import replay as replay
-    from ergoqp.step.state import initial_state as initial_state
     from ergoqp.step.stepper import Stepper as Stepper
     from ergoqp.step.timing import benchmark_step as benchmark_step
 
@@ -56,7 +56,7 @@ _LATER = {
     "compare": "ergoqp.comparison.compare",
     "fit_postures": "ergoqp.mocap.load",
     "identify": "ergoqp.identification.identify",
-    "initial_state": "ergoqp.step.state",
+    "initial_state": "ergoqp.step.function",
     "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem.load",
     "load_recording": "ergoqp.mocap.load",

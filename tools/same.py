@@ -87,7 +87,7 @@ def _problem(name: str, kind: str) -> Any:
 
 def record(name: str, kind: str, number: int, folder: Path) -> None:
     """Keep the inputs of random walks, each a row of all numbers."""
-    from ergoqp.step import state as states
+    from ergoqp.step import function as states
     from ergoqp.step.model import StepModel, stand_in
 
     # Earlier commits have it under another name.

@@ -17,7 +17,7 @@ from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import InputError, ModelError
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.learning.model_file import load_model
 
 KINDS: Final[dict[str, str]] = {

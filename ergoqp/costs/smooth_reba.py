@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.arguments import shown
 from ergoqp.costs import distributions as d
 from ergoqp.errors import InputError
-from ergoqp.expressions.evaluator import evaluated_once
+from ergoqp.expressions import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.assessment import read_postures
 from ergoqp.sheets.description import Segment, Sheet

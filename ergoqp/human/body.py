@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, check_real, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import matrix_of
+from ergoqp.expressions import matrix_of
 from ergoqp.joints import INDEX, JOINTS
 from ergoqp.registry import data_folder
 

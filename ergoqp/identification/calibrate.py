@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from ergoqp.arguments import check_kind, names_of
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import turned
+from ergoqp.expressions import turned
 from ergoqp.identification.loops import rests_in, rests_of, watched
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames

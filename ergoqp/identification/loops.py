@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.arguments import as_tuple, read_array, shown
 from ergoqp.errors import InputError, ModelError
-from ergoqp.expressions.rigid import read_pose
+from ergoqp.expressions import read_pose
 from ergoqp.files.read import read_npz
 from ergoqp.joints import JOINTS
 from ergoqp.problem.geometry import pose_error

@@ -28,7 +28,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.human import Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER

@@ -23,7 +23,7 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.arguments import Progress, check_whole, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import pose_as_dict
+from ergoqp.expressions import pose_as_dict
 from ergoqp.files.atomic import whole, write_json
 from ergoqp.human import Body
 from ergoqp.lab.group_search import (

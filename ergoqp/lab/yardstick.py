@@ -28,7 +28,7 @@ import numpy as np
 
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.lab.people.habits import BodyTasks, Work

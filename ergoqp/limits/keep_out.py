@@ -19,7 +19,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, check_text, object_of, read_array, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.linear import dense
+from ergoqp.expressions import dense
 from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import Recovery, Rows, Situation, straight_margins
 

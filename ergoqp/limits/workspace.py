@@ -13,7 +13,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, read_array
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import turned
+from ergoqp.expressions import turned
 from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import Recovery, Rows, Situation, straight_margins
 

@@ -27,7 +27,7 @@ from ergoqp.arguments import (
 )
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
-from ergoqp.expressions.rigid import read_pose
+from ergoqp.expressions import read_pose
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, OneClassBoundary

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import pose_as_dict, pose_from_dict
+from ergoqp.expressions import pose_as_dict, pose_from_dict
 from ergoqp.files.atomic import write_json
 from ergoqp.files.read import read_json
 from ergoqp.human import Body

@@ -19,7 +19,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import KeepOut, Limit, TwistLimit, WorkspaceBox
 from ergoqp.limits.custom import OwnLimits
 from ergoqp.limits.keep_out import WayOut
-from ergoqp.limits.stop import Stop
+from ergoqp.limits.twist import Stop
 from ergoqp.problem.room import no_room
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.problem.validate import check_expression, check_kinds, check_pace, judge_terms

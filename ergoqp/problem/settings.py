@@ -9,7 +9,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, read_array, shown
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.expressions.rigid import matrix_of, quaternion_of, read_pose
+from ergoqp.expressions import matrix_of, quaternion_of, read_pose
 
 NotNegative = Annotated[float, Range(0.0, 1e9)]
 

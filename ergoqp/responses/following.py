@@ -17,7 +17,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import spd_inverse
+from ergoqp.expressions import spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import JOINTS

@@ -32,7 +32,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import solve3, spd_inverse
+from ergoqp.expressions import solve3, spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.arguments import check_number, check_text, check_whole
-from ergoqp.expressions.rigid import read_pose
+from ergoqp.expressions import read_pose
 from ergoqp.identification.loops import Resting
 from ergoqp.identification.promising import Promise
 

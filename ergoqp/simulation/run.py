@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.expressions.rigid import pose_as_dict
+from ergoqp.expressions import pose_as_dict
 from ergoqp.files.atomic import whole, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS

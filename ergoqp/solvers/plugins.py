@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import casadi as ca
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver, unheard
 

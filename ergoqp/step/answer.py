@@ -11,7 +11,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import by_name, dense, is_set, largest
+from ergoqp.expressions import by_name, dense, is_set, largest
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.limits import Limit, Situation
 from ergoqp.problem.problem import Problem

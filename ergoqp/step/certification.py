@@ -9,10 +9,10 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import by_name, dense, is_set, largest, smallest
+from ergoqp.expressions import by_name, dense, is_set, largest, smallest
 from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.stop import on_surface
+from ergoqp.limits.twist import on_surface
 from ergoqp.native.compiled import c_text, shared_library
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE

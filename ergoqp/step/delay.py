@@ -27,8 +27,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ProblemError
-from ergoqp.expressions.linear import Shape, by_name, dense, vectors, written_out
-from ergoqp.expressions.rigid import shifted
+from ergoqp.expressions import Shape, by_name, dense, shifted, vectors, written_out
 from ergoqp.limits import Limit, Situation
 from ergoqp.step.layout import ASTRAY, LONGEST_DT, SHORTEST_DT, count, remaining_seconds, split
 from ergoqp.step.model import StepModel
@@ -199,7 +198,7 @@ def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vector
         model: model of the step.
         history: the history as one vector of `History.sizes`.
         dt: given period; if it is not usable, that of the problem is used [s].
-        shape: how functions are written, see `ergoqp.expressions.linear`.
+        shape: how functions are written, see `ergoqp.expressions`.
     """
     sizes = model.history.sizes
     symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
@@ -331,7 +330,7 @@ def landing(
             declared
             robot may be late also ``doubt``: how far the object may be behind this pose, along each
             axis and against it (6, 2) [m, rad].
-        shape: how functions are written, see `ergoqp.expressions.linear`.
+        shape: how functions are written, see `ergoqp.expressions`.
     """
     if not model.under_way.count:
         return {"landed": known["pose"], "way": found.total}
@@ -366,7 +365,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     n = found["weights"].numel() if "weights" in found else 0
     if n:
         # The addition of a mean that still rises toward the last planned twist, see
-        # `ergoqp.limits.stop.Stop`.
+        # `ergoqp.limits.twist.Stop`.
         rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (
             law.stretch * law.longest * found["weights"]
         )

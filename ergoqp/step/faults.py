@@ -27,8 +27,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import Shape, by_name, dense, is_set, largest
-from ergoqp.expressions.rigid import turned
+from ergoqp.expressions import Shape, by_name, dense, is_set, largest, turned
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.causes import Cause, Fault, fault_of
@@ -318,7 +317,7 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
             ``stop`` (1: the object may not move now), ``enable`` (0 or 1), ``period`` [s],
             ``causes`` so far, and if the robot may be late ``unsure`` (6, 2): how far the object
             may be from its computed pose.
-        shape: how functions are written, see `ergoqp.expressions.linear`.
+        shape: how functions are written, see `ergoqp.expressions`.
     """
     compare, explain = shape(_compared(model)), explained_function(model)
     found = by_name(compare, known)

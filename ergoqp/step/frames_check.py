@@ -18,7 +18,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import dense
+from ergoqp.expressions import dense
 from ergoqp.problem.problem import Problem
 from ergoqp.step.layout import Sizes
 

@@ -1,4 +1,12 @@
-"""The control step as one pure CasADi function: inputs, their check, and all parts.
+"""The control step as one pure CasADi function: inputs, state, and all parts.
+
+The state that one step hands to the next, and what the next call of a stepper starts from.
+
+The state that one step hands to the next, as one vector.
+
+The same inputs and the same state always give the same answers.
+
+The control step as one pure CasADi function: inputs, their check, and all parts.
 
 Inputs and outputs of a step by name, and the check of every input.
 
@@ -12,14 +20,25 @@ Inputs are posture, pose and state. Outputs are a certified twist and its accoun
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 import casadi as ca
+import numpy as np
 
-from ergoqp.arguments import check_kind, flag, of_package, shown
+from ergoqp.arguments import check_kind, flag, of_package, read_array, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.linear import Shape, by_name, dense, is_set, once, scalars, vectors
-from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
+from ergoqp.expressions import (
+    Shape,
+    by_name,
+    dense,
+    exp_rotation,
+    is_rigid,
+    is_set,
+    normalised,
+    once,
+    scalars,
+    vectors,
+)
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
@@ -27,16 +46,121 @@ from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.delay import UnderWay, landing, next_history, under_way
-from ergoqp.step.faults import watch
+from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
-from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
-from ergoqp.step.layout import CLOCK_ROUNDING, count, joined, split
-from ergoqp.step.model import StepModel
+from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide, pull_function
+from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
+from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
 from ergoqp.step.qp import amiss, away_function, solve_passes
 from ergoqp.step.rest import stalled
 from ergoqp.step.rows import asked_update, still_asks
-from ergoqp.step.spare import callers
+
+
+def initial_state(problem: Problem, twist: Any = None, *, guided: bool = False) -> np.ndarray:
+    """Return the state (n,) at the start of a loop: the input ``state`` of `step_function`.
+
+    The state is all that a step leaves to the next: the twists of the last periods with their ages,
+    the pose and what of the motion is still under way, the last posture, whether the loop is on
+    hold, the state of rest, the comparison of the robot with what it was sent, the time for which
+    the posture has asked the object back, and what was learned about the guide. The order of the
+    entries may change from version to version.
+
+    Args:
+        problem: the task.
+        twist: twist (6,) with which the object moves already [m/s, rad/s], clipped to the speed
+            limits. None: the object stands still.
+        guided: whether the state is that of a step with a guide.
+
+    Returns:
+        The entries (n,), in the units of the step: metres, radians, seconds.
+
+    Raises:
+        InputError: if `problem` is not a Problem, `twist` is not six finite numbers, or `guided` is
+            not a bool.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> state = ergoqp.initial_state(problem)
+        >>> state.shape == ergoqp.step_function(problem).size_in("state")[:1]
+        True
+    """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+    return state_at_start(StepModel(problem, flag("guided", guided)), twist)
+
+
+def state_at_start(model: StepModel, twist: Any = None) -> np.ndarray:
+    """Return the initial state of a step, see `initial_state`."""
+    if twist is not None:
+        speed = model.problem.twist_limit.speed
+        twist = np.clip(read_array("twist", twist, (6,), "6 finite numbers"), -speed, speed)
+    parts = {name: np.zeros(size) for name, size in model.state.items()}
+    history = initial_history(model.history, np.zeros(6) if twist is None else twist)
+    parts["history"] = np.concatenate([part.ravel(order="F") for part in history.values()])
+    if twist is not None:
+        for name, block in taken_over(model, twist).items():
+            parts[name] = block[:, None]
+    return np.concatenate([part.ravel(order="F") for part in parts.values()])
+
+
+Frame: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Posture and mask of a frame, as read (n,) each."""
+
+Ready: TypeAlias = tuple[np.ndarray, np.ndarray, Mapping[str, str], Frame]
+"""What the next call starts from: usual inputs, state, notes, and the last frame.
+
+It is never written to, but replaced as one, as the last operation of a call. So an exception at any
+point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call. The usual
+inputs are all inputs of the function, one after the other, with the guide; the notes say what was
+wrong with the guide. A plain tuple is the fastest to make.
+"""
+
+
+class Layout:
+    """Where everything is in the inputs of the function of a step.
+
+    Attributes:
+        at: slice of each input.
+        parts: slice of each part of the state, within the state.
+    """
+
+    def __init__(self, model: StepModel, at: Mapping[str, slice]) -> None:
+        """Keep the slices `at` of the inputs."""
+        self.at, self.parts = at, model.places
+        self._dt, self._n = model.problem.dt, len(model.problem.coordinates)
+
+    def begin(self, size: int, state: np.ndarray, place: Guide | None) -> Ready:
+        """Return what the first call starts from.
+
+        Args:
+            size: number of all inputs.
+            state: the initial state.
+            place: place of the guide. None: there is none.
+        """
+        usual = np.zeros(size)
+        for name in ("observed", "frame", "enable"):
+            usual[self.at[name]] = 1.0
+        usual[self.at["dt"]] = self._dt
+        if place is not None:
+            usual = self.led(usual, place)
+        return usual, state, {}, (np.zeros(self._n), np.ones(self._n))
+
+    def led(self, usual: np.ndarray, place: Guide | None) -> np.ndarray:
+        """Return the usual inputs with another guide; None: there is none."""
+        usual, at = usual.copy(), self.at
+        usual[at["guided"]] = place is not None
+        if place is not None:
+            usual[at["guide"]], usual[at["promise"]] = place.pose.T.ravel(), place.expected
+        return usual
+
+    def forgotten(self, state: np.ndarray, *names: str) -> np.ndarray:
+        """Return a state with parts that are zero."""
+        state = state.copy()
+        for name in names:
+            state[self.parts[name]] = 0.0
+        return state
+
 
 INPUTS: Final = (
     "posture",
@@ -86,7 +210,7 @@ def read_inputs(
         model: model of the step.
         given: `INPUTS` as they came, and the parts of the state.
         found: the motion under way.
-        shape: how functions are written, see `ergoqp.expressions.linear`.
+        shape: how functions are written, see `ergoqp.expressions`.
 
     Returns:
         The usable numbers for the step: ``posture``; ``pose`` as measured, or as far as it is
@@ -298,7 +422,7 @@ def build_step(
         every_branch: whether it always takes the longer branch. Its answers are those of a step
             only where all are needed; it is for `ergoqp.step.timing`.
         spare: whether no term calls Python, so that the step only brakes, see
-            `ergoqp.step.spare`.
+            `ergoqp.step.model`.
     """
     model = StepModel(problem, guided, every_branch, spare)
     shape = scalars if unrolled else vectors

@@ -20,8 +20,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number, flag, read_array, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.linear import dense, is_set
-from ergoqp.expressions.rigid import is_rigid, normalised, read_pose
+from ergoqp.expressions import dense, is_rigid, is_set, normalised, read_pose
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem

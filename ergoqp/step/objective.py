@@ -11,7 +11,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import dense, is_set
+from ergoqp.expressions import dense, is_set
 from ergoqp.limits.keep_out import WayOut
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel

@@ -36,10 +36,10 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import Shape, by_name, dense, is_set, marked, vectors, written_out
+from ergoqp.expressions import Shape, by_name, dense, is_set, marked, vectors, written_out
 from ergoqp.limits import Limit, Rows, Situation
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.stop import Braking, on_surface
+from ergoqp.limits.twist import Braking, on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE, QpSolver
 from ergoqp.step.delay import off_rows
@@ -255,7 +255,7 @@ def build_qp(
     Args:
         solver: solver of the QP.
         m: number of rows.
-        shape: how the check of the answer is written, see `ergoqp.expressions.linear`.
+        shape: how the check of the answer is written, see `ergoqp.expressions`.
         exact: rows that must not use `ELBOW`: xi is moved back across them by at most this much.
         if_needed: gives the condition under which slack is solved for.
 
@@ -522,7 +522,7 @@ def solve_passes(
         solver: solver of the QP.
         known: the inputs of `ergoqp.step.qp.pass_data` except the lock; with a guide also
             ``pull_H`` and ``pull_g``, which are added to the objective.
-        shape: how functions are written, see `ergoqp.expressions.linear`.
+        shape: how functions are written, see `ergoqp.expressions`.
 
     Returns:
         ``xi`` (6,), ``S`` and ``E`` of the last pass, ``slack`` and ``multipliers`` of the movable

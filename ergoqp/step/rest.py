@@ -27,7 +27,7 @@ from typing import Any, Final
 
 import casadi as ca
 
-from ergoqp.expressions.linear import is_set
+from ergoqp.expressions import is_set
 from ergoqp.problem.settings import Control
 
 STATES: Final = 6

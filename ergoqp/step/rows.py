@@ -4,7 +4,7 @@ From margins to bounds: what each row asks of the twist of this period.
 
 The bounds keep the whole stop after this period inside.
 
-The object stops along a straight line, see `ergoqp.limits.stop`. With the distance d left, a row
+The object stops along a straight line, see `ergoqp.limits.twist`. With the distance d left, a row
 holds through the stop if A xi <= d / h, with h = dt + t_s / 2 for the longest stop t_s that this
 period can cause.
 
@@ -26,10 +26,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import largest
+from ergoqp.expressions import largest
 from ergoqp.limits import Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.stop import Braking, Stop
+from ergoqp.limits.twist import Braking, Stop
 from ergoqp.solvers.solver import FREE
 
 STEADY_RETURN = 0.01

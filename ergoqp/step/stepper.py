@@ -19,7 +19,7 @@ from ergoqp.arguments import (
     unmasked,
 )
 from ergoqp.errors import InputError
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.validate import PERIODS, slowest
 from ergoqp.solvers import QpSolver, read_solver, solver_named
@@ -28,13 +28,11 @@ from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause, Fault, Status
 from ergoqp.step.certification import stop_function
 from ergoqp.step.frames_check import VERDICTS
-from ergoqp.step.function import build_step, step_function
+from ergoqp.step.function import Frame, Layout, Ready, build_step, state_at_start, step_function
 from ergoqp.step.guide import read_guide
 from ergoqp.step.layout import CLOCK_ROUNDING, SHORTEST_DT
-from ergoqp.step.model import StepModel
+from ergoqp.step.model import StepModel, callers, check_spare, guarded
 from ergoqp.step.rest import stalled
-from ergoqp.step.spare import callers, check_spare, guarded
-from ergoqp.step.state import Frame, Layout, Ready, state_at_start
 
 _FLOAT: Final = np.dtype(float)
 

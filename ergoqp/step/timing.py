@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, check_whole, flag
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.validate import PERIODS

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import quaternion_of
+from ergoqp.expressions import quaternion_of
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse

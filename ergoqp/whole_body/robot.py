@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_kind, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import matrix_of
+from ergoqp.expressions import matrix_of
 from ergoqp.registry import data_folder
 
 DEFAULT_FRAME: Final = "flange"

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import quaternion_of
+from ergoqp.expressions import quaternion_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.whole_body.robot import Robot

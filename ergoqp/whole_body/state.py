@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_kind
 from ergoqp.errors import ProblemError
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse

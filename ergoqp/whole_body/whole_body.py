@@ -16,7 +16,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number, shown, unmasked
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import read_pose
+from ergoqp.expressions import read_pose
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames

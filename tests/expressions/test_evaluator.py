@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ergoqp.expressions.evaluator import Evaluator, evaluated_once
+from ergoqp.expressions import Evaluator, evaluated_once
 
 
 @pytest.fixture

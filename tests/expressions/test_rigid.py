@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from step_samples import comfort_of, held_pose, near_comfort, problem_of
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import read_pose
+from ergoqp.expressions import read_pose
 from ergoqp.limits import AxisCone
 from ergoqp.placing.optimise import optimise
 from ergoqp.simulation.robot import moved

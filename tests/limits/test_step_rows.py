@@ -12,7 +12,7 @@ from situations import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
-from ergoqp.limits.stop import Stop
+from ergoqp.limits.twist import Stop
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.rows import (
     CLEARANCE,

@@ -25,7 +25,7 @@ from step_samples import (
 import ergoqp.step.stepper
 from ergoqp.arguments import shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.linear import is_set
+from ergoqp.expressions import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.custom import OwnRates

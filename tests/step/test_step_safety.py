@@ -29,9 +29,8 @@ from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.solvers.daqp import Daqp
-from ergoqp.step.function import build_step
+from ergoqp.step.function import build_step, state_at_start
 from ergoqp.step.model import StepModel
-from ergoqp.step.state import state_at_start
 from ergoqp.step.stepper import Step, Stepper
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)

@@ -11,7 +11,7 @@ pytest.importorskip("mink")
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person
 from ergoqp.rest.person import Senses

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.expressions.rigid import matrix_of
+from ergoqp.expressions import matrix_of
 from ergoqp.human import Body
 from ergoqp.report import palette
 from ergoqp.report.body.person import parts_of, place

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.expressions.rigid import matrix_of
+from ergoqp.expressions import matrix_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError
-from ergoqp.expressions.rigid import quaternion_of
+from ergoqp.expressions import quaternion_of
 from ergoqp.report import palette
 from ergoqp.report.body.person import (
     Holder,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.solvers.session import Qp, QpAnswer
 from ergoqp.solvers.solver import QpSolver
 
