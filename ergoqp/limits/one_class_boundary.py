@@ -6,14 +6,27 @@ The row holds through the whole stop.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
+from ergoqp.coordinates import Coordinates
 from ergoqp.errors import InputError
-from ergoqp.learning.one_class import OneClass
 from ergoqp.limits.limit import Recovery, Rows, Situation
+
+
+class BoundaryModel(Protocol):
+    """What the limit needs of a one-class machine, see `ergoqp.learning.one_class.OneClass`."""
+
+    coordinates: Coordinates
+    gamma: float
+    scale: np.ndarray
+
+    def margin_and_slope(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Return g and its gradient at a point, in the coordinates of the model."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +60,14 @@ class OneClassBoundary:
 
     Example:
         >>> import numpy as np
-        >>> from ergoqp.learning.one_class import OneClass
-        >>> from ergoqp.limits import OneClassBoundary
+        >>>         >>> from ergoqp.limits import OneClassBoundary
         >>> points = np.random.default_rng(0).normal(0.3, 0.1, (60, 2))
         >>> seen = OneClass.fit(points, ["trunk_flexion", "neck_flexion"])
         >>> OneClassBoundary(seen, name="seen before").names
         ('seen before',)
     """
 
-    model: OneClass
+    model: BoundaryModel
     hard: bool = False
     tolerance: Annotated[float, Range(0.0, 1e3)] = 1e-9
     recovery_time: Recovery = 0.25

@@ -13,8 +13,6 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from ergoqp.arguments import path_of, shown
-from ergoqp.costs.cost import LearnedCost
-from ergoqp.costs.load import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, ProblemError
 from ergoqp.files.read import read_toml
@@ -88,13 +86,15 @@ def _smooth_reba(of_file: _Given, **keys: Any) -> SmoothReba:
     return SmoothReba(**keys, **of_file.sheet)
 
 
-def _learned(of_file: _Given, model: str) -> LearnedCost:
+def _learned(of_file: _Given, model: str) -> Any:
     """Return the learned cost of a file."""
     # A learned cost has the options of its data. Other options would be silently ignored.
     if of_file.file.task != TaskTable():
         raise ProblemError(
             "cost.learned: got options in [task], allowed none: the cost was learned without them"
         )
+    from ergoqp.costs.load import load_cost
+
     return load_cost(find_model(model, of_file.folder))
 
 

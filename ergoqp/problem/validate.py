@@ -31,8 +31,6 @@ from ergoqp.arguments import (
     of_package,
     shown,
 )
-from ergoqp.costs.cost import LearnedCost
-from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError, in_words
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.limits import TwistLimit
@@ -154,7 +152,7 @@ def _check_members(what: str, term: Any, kind: str) -> None:
 def check_expression(cost: Any, size: int) -> None:
     """Check that the expression of a user's cost is a scalar that depends only on the state.
 
-    `SmoothReba` and every `LearnedCost` are skipped. They cache objects when their expression is
+    The costs of ergoqp are skipped. They cache objects when their expression is
     made, and not all of these can be sent to another process.
 
     Args:
@@ -164,7 +162,7 @@ def check_expression(cost: Any, size: int) -> None:
     Raises:
         ProblemError: if it does not, with the error that the expression raised.
     """
-    if isinstance(cost, (SmoothReba, LearnedCost)):
+    if of_package(cost):
         return
     state = ca.MX.sym("q", size)
     try:

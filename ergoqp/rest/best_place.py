@@ -16,8 +16,7 @@ from ergoqp.errors import ErgoqpError, InputError, OutOfReachError
 from ergoqp.files.cache import CacheEntry, digest_of
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import frame_of, turn_about
-from ergoqp.problem.problem import Problem
-from ergoqp.problem.room import PLACES, no_start
+from ergoqp.problem.problem import PLACES, Problem, no_start
 from ergoqp.rest.model_person import Alike, Start
 from ergoqp.rest.person import Person
 

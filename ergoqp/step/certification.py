@@ -13,7 +13,6 @@ from ergoqp.expressions import by_name, dense, is_set, largest, smallest
 from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import on_surface
-from ergoqp.native.compiled import c_text, shared_library
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.model import StepModel
@@ -277,6 +276,8 @@ def stop_function(model: StepModel) -> Callable[[np.ndarray], np.ndarray]:
     Raises:
         CompilerError: if there is no C compiler, or it fails.
     """
+    from ergoqp.native.compiled import c_text, shared_library
+
     library = shared_library("stop", {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}, [], [])
     call = ctypes.CDLL(str(library)).ergoqp_stop
     call.restype, numbers = ctypes.c_int, ctypes.POINTER(ctypes.c_double)

@@ -39,7 +39,6 @@ from ergoqp.expressions import (
     scalars,
     vectors,
 )
-from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer import account_function
@@ -388,6 +387,8 @@ def step_function(
             f"compiled: got {', '.join(found)}, which calls Python, allowed expressions without"
             " casadi.Callback"
         )
+    from ergoqp.native.compiled import compiled as machine_code
+
     return machine_code(lambda native: build_step(problem, native, guided=guided, unrolled=True))
 
 

@@ -59,7 +59,7 @@ MUTATED: Final = (
     "ergoqp/simulation/check.py",
     "ergoqp/simulation/check.py",
     "ergoqp/problem/settings.py",
-    "ergoqp/problem/room.py",
+    "ergoqp/problem/problem.py",
     "ergoqp/problem/validate.py",
     "ergoqp/identification/calibrate.py",
     "ergoqp/sheets/*.py",
