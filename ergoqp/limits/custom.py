@@ -25,10 +25,9 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import of_package
 from ergoqp.errors import ErgoqpError, ProblemError, in_words
-from ergoqp.limits.arm_length import ArmLength
 from ergoqp.limits.joints import JointLimit
 from ergoqp.limits.limit import Limit, Rows, Situation, Surface
-from ergoqp.limits.one_class_boundary import OneClassBoundary
+from ergoqp.limits.state import ArmLength, OneClassBoundary
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
 _PLACES: Final = 12

@@ -11,8 +11,7 @@ import casadi as ca
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.responses.ik import IkResponse
-from ergoqp.responses.stance import (
+from ergoqp.responses.following import (
     LEG_JOINTS,
     STRAIGHT_KNEE,
     TRUNK,
@@ -22,11 +21,12 @@ from ergoqp.responses.stance import (
     hanging,
     swinging,
 )
+from ergoqp.responses.ik import IkResponse
 
 _ROUND = 1e-3
 """Width of the transition from straight to bent knees [rad].
 
-See `ergoqp.responses.stance.with_bent_knees`.
+See `ergoqp.responses.following.with_bent_knees`.
 """
 
 

@@ -14,10 +14,10 @@ from ergoqp.arguments import Range, check_kind, check_parameters, names_of, show
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.responses.following import Following
-from ergoqp.responses.stance import (
+from ergoqp.responses.following import (
     HANGING_DEG,
     LEG_JOINTS,
+    Following,
     Stance,
     arm_of,
     seat_in_words,
@@ -93,9 +93,9 @@ class IkResponse:
 
     The joint rates minimise 1/2 v' W v subject to J v = G xi. So v = S xi with S = W^-1 J' (J W^-1
     J')^-1 G: the weighted pseudo-inverse of Whitney (1972). If the person stands, the rows of the
-    soles are eliminated exactly (`ergoqp.responses.stance`). The rows of the hands are damped, and
-    looking at the work adds soft rows (`ergoqp.responses.following`). A locked joint has a zero in
-    W^-1, and the others follow without it.
+    soles are eliminated exactly (`ergoqp.responses.following`). The rows of the hands are damped,
+    and looking at the work adds soft rows. A locked joint has a zero in W^-1, and the others follow
+    without it.
 
     Attributes:
         body: the body of the model person.
@@ -117,8 +117,8 @@ class IkResponse:
         damping: damping of the rows of the hands [m, rad], so that singular arms do not ask for
             infinite rates.
         looks: whether the person looks at the work. The neck then follows it, and trunk and neck
-            share what the eyes do not turn, see `ergoqp.responses.stance`. Otherwise the neck stays
-            as it is.
+            share what the eyes do not turn, see `ergoqp.responses.following`. Otherwise the neck
+            stays as it is.
         attention: cost of not seeing the work with ease, per rad^2 beyond the easy turn of the
             eyes, in the units of `weights`.
         free_arm: position of an arm that holds nothing. It ``"hangs"``, or it ``"rests"`` on a

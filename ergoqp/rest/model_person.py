@@ -16,9 +16,9 @@ from ergoqp.expressions import Evaluator
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem
+from ergoqp.responses.following import LEG_JOINTS, TOOL_AXES, move_sole, with_bent_knees
 from ergoqp.responses.holding import soles_of
 from ergoqp.responses.ik import IkResponse
-from ergoqp.responses.stance import LEG_JOINTS, TOOL_AXES, move_sole, with_bent_knees
 from ergoqp.rest.person import Holding, Person, Senses
 
 N = len(JOINTS)

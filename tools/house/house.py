@@ -9,14 +9,21 @@ it when it is asked for, is no room.
 - ``circles``: groups of files that import each other.
 - ``climbs``: imports of a room from one that is on no lower floor of ``tools/house/floors.toml``,
   but among the files of the ground.
+- ``core_imports_others``: files of the core that import from ``mocap`` or ``lab``; command line and
+  report stand above all three parts and do not count.
 - ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top
-  of ``ergoqp/``.
+  of ``ergoqp/``. ``long_files``: of more than 650 lines.
+- ``code_lines``: without docstrings, comments and blank lines; ``core_code_lines``: of these, all
+  but ``mocap`` and ``lab``.
 - ``long_lines``: lines of more than 100 columns in the whole project, of Python and Markdown;
   rows of Markdown's tables, which cannot be continued, are not counted.
 - ``walk.stays``, ``walk.up``, ``walk.again``: the calls of `build_step` that are handed the
   problem, or the `StepModel` that holds it, are followed from file to file in the order of the
   text, see `tools.house.walk`: stays in a file, calls into a room on a higher floor than the
   stay before, and stays in a file that was left before.
+- ``runs.FORMAT``, ``runs.load_problem``, ``runs.stepper``: files whose functions run while a
+  recording is read, a problem loaded, a `Stepper` made, see `tools.house.runs`; recordings need
+  the shared folder.
 - ``import_s``: processor time of ``import ergoqp`` beyond NumPy's, the median of five processes
   [s].
 """
@@ -24,22 +31,39 @@ it when it is asked for, is no room.
 from __future__ import annotations
 
 import ast
+import io
 import statistics
 import subprocess
 import sys
+import tokenize
 import tomllib
 from collections.abc import Iterator
 from importlib.util import resolve_name
 from pathlib import Path
 from typing import Final
 
-from benchmarks.report import Report, run
+from benchmarks.report import Report, run, shared_folder
+from tools.house.runs import runs_of
 from tools.house.walk import Walk
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PACKAGE: Final = ROOT / "ergoqp"
 COLUMNS: Final = 100
+RECORDINGS: Final = {
+    "bvh": "bvh/cmu_62_04_screwing_keyframes.bvh",
+    "c3d": "c3d/pycgm_Movement_trial.c3d",
+    "trc": "trc/pyomeca_comma_badcount.trc",
+    "mot": "mot/opencap_squats.mot",
+    "mvnx": "mvnx/xsens_kicking_part1.mvnx",
+    "csv": "kinect/azure_kinect_body_tracking_part1.csv",
+}
+"""One recording of each format, below the shared folder of recordings."""
 FACADE: Final = "ergoqp"
+LONGEST: Final = 650
+OTHERS: Final = frozenset({"mocap", "lab"})
+"""Rooms beside the core."""
+APP: Final = frozenset({"cli", "report", "__main__", FACADE})
+"""What stands above the core and the rooms beside it."""
 
 
 def modules() -> dict[str, Path]:
@@ -71,7 +95,8 @@ def _imported(name: str, files: dict[str, Path]) -> Iterator[str]:
         texts = (node.value for node in nodes if isinstance(node, ast.Constant))
         for text in texts:
             if isinstance(text, str) and (module := _named(text, inside)) in files:
-                yield module
+                # The name of the project alone names no file.
+                yield from [module] if "." in module else []
 
 
 def _imports_by_text(node: ast.AST) -> bool:
@@ -173,6 +198,52 @@ def long_lines() -> int:
     return sum(len(line) > COLUMNS and not line.startswith("|") for line in lines)
 
 
+def core_imports_others(arrows: dict[str, set[str]]) -> dict[str, int]:
+    """Return how often each file of the core imports from the rooms beside it, if it does."""
+    found = {}
+    for name, others in arrows.items():
+        if room_of(name) not in OTHERS | APP:
+            found[name] = sum(room_of(other) in OTHERS for other in others)
+    return {name: count for name, count in found.items() if count}
+
+
+def code_lines(path: Path) -> int:
+    """Return the number of lines of a file without docstrings, comments and blank lines."""
+    text = path.read_text(encoding="utf-8")
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in _NO_CODE:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            value = first.value if isinstance(first, ast.Expr) else None
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                lines.difference_update(range(value.lineno, (value.end_lineno or 0) + 1))
+    return len(lines)
+
+
+_NO_CODE: Final = frozenset(
+    {
+        tokenize.COMMENT,
+        tokenize.NL,
+        tokenize.NEWLINE,
+        tokenize.INDENT,
+        tokenize.DEDENT,
+        tokenize.ENDMARKER,
+    }
+)
+
+
+def samples() -> dict[str, str]:
+    """Return what `tools.house.runs` runs, by the names of the figures."""
+    found = {"load_problem": "screwing", "stepper": "stepper"}
+    shared = shared_folder()
+    if shared is not None:
+        found |= {name: str(shared / "mocap" / path) for name, path in RECORDINGS.items()}
+    return found
+
+
 def import_seconds() -> float:
     """Return the processor time of ``import ergoqp`` beyond NumPy's."""
     text = (
@@ -200,12 +271,18 @@ def measure(report: Report) -> None:
     report.figure("climbs", len(up))
     lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in files.values()}
     top = [lines for path, lines in lengths.items() if path.parent == PACKAGE]
+    report.figure("core_imports_others", sum(core_imports_others(arrows).values()))
     report.figure("rooms", len({room_of(name) for name in files}))
     report.figure("files", len(files))
     report.figure("lines", sum(lengths.values()))
     report.figure("top_files", len(top))
     report.figure("longest_top_file", max(top))
     report.figure("longest_file", max(lengths.values()))
+    report.figure("long_files", sum(each > LONGEST for each in lengths.values()))
+    code = {name: code_lines(path) for name, path in files.items()}
+    report.figure("code_lines", sum(code.values()))
+    core = {name: count for name, count in code.items() if room_of(name) not in OTHERS}
+    report.figure("core_code_lines", sum(core.values()))
     report.figure("long_lines", long_lines(), f"of more than {COLUMNS} columns")
     level = floors()
     levels = {name: level.get(room_of(name), 0) for name in files}
@@ -216,18 +293,25 @@ def measure(report: Report) -> None:
     )
     report.figure("walk.up", walk.up)
     report.figure("walk.again", walk.again)
+    for what, path in samples().items():
+        report.figure(f"runs.{what}", runs_of(path), "files whose functions run")
     report.figure("import_s", import_seconds(), "s of processor, beyond NumPy")
 
 
 def check() -> int:
-    """Return 1 where the house has a circle, a climb or a long line, having said which."""
+    """Return 1 where an import or a line is not as it should be, having said which."""
     arrows = imports(modules())
     said = [
         *("circle: " + ", ".join(group) for group in circles(arrows)),
         *(f"climb: {each}" for each in climbs(arrows)),
+        *(f"core: {each} imports mocap or lab" for each in core_imports_others(arrows)),
         *([f"{long} lines of more than {COLUMNS} columns"] if (long := long_lines()) else []),
     ]
-    print("\n".join(said) if said else "no circle, no climb, no long line")
+    print(
+        "\n".join(said)
+        if said
+        else "no circle, no climb, no import of others by the core, no long line"
+    )
     return int(bool(said))
 
 

@@ -1,7 +1,7 @@
 """Files of the package whose functions run in one call, counted in a process of their own.
 
-Run ``python -m tools.house.runs PROBLEM | stepper | RECORDING``. What runs while modules are
-imported is not counted.
+Run ``python -m tools.house.runs PROBLEM | stepper | RECORDING``. What the call imports counts too,
+as far as functions or classes run; the lines of a module alone do not.
 """
 
 from __future__ import annotations
