@@ -34,8 +34,7 @@ from ergoqp.sheets.reba import Method, assess
 
 ABOUT = """Score every frame of a recording by REBA.
 
-Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints, ROS bags
-and folders of poses.
+Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints and ROS bags.
 
 Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. Load,
 grip and support are stated by options. Frames that show no posture are listed and not scored.

@@ -80,8 +80,7 @@ MOTIVE: Final = Kind("Motive CSV", (".csv",), "motive.read_motive")
 NEXUS: Final = Kind("Nexus CSV", (".csv",), "nexus.read_nexus")
 TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), "table.read_table")
 BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), "bag.read_bag")
-BODIES: Final = Kind("folder of poses", (), "bodies.read_bodies")
-KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG, BODIES)
+KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG)
 """The formats that are read, with the usual endings of their files."""
 
 
@@ -99,11 +98,9 @@ def kind_of(path: Path) -> Kind:
     if os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
         if _function("bag.is_bag")(path):
             return BAG
-        if _function("bodies.is_folder_of_bodies")(path):
-            return BODIES
         raise RecordingError(
             f"{str(path)!r} is a folder, allowed the recording file itself, a bag's folder or one"
-            " with a table of poses (x, y, z, q0, q1, q2, q3) for each body"
+            " with the ending of a reader of your own"
         )
     ending = path.suffix.lower()
     of_ending = next((kind for kind in KINDS if ending in kind.endings), None)
@@ -402,7 +399,7 @@ def _unused(asked: Asked | None, kind: Kind | None) -> list[str]:
     notes = []
     if asked and asked.columns and kind is not TABLE:
         notes.append("The stated names (columns) are not used: only a table can lack names.")
-    if asked and asked.rate is not None and kind not in (TABLE, BODIES):
+    if asked and asked.rate is not None and kind is not TABLE:
         notes.append(
             "The stated frames per second (rate) are not used: the file has its own times."
         )

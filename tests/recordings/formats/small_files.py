@@ -104,12 +104,6 @@ Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
 8,0,-0.1,2,3,4,5,6.25,0,0,0
 """
 
-BODY = """x,y,z,q0,q1,q2,q3
-1,2,3,0,0,0,1
-1.5,2,3,0,0,0.6,0.8
-1,2,3,0,0,0,1
-"""
-
 
 def write(path: Path, content: str | bytes) -> Path:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -136,11 +130,3 @@ def refused(
     assert path.name[:37] in text
     assert "\n" not in text
     assert len(text) < 400
-
-
-def folder_of(path: Path, **files: str | bytes) -> Path:
-    folder = path / "take"
-    folder.mkdir()
-    for name, content in files.items():
-        write(folder / f"{name}.csv", content)
-    return folder

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from small_files import BODY, MOTIVE, MVNX, NEXUS, STORAGE, TABLE, TRC, Reader, read, write
+from small_files import MOTIVE, MVNX, NEXUS, STORAGE, TABLE, TRC, Reader, read, write
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.bodies import read_bodies
 from ergoqp.mocap.formats.motive import read_motive
 from ergoqp.mocap.formats.mvnx import read_mvnx
 from ergoqp.mocap.formats.nexus import read_nexus
@@ -34,7 +33,6 @@ FORMATS = {
     "motive": (read_motive, MOTIVE),
     "mvnx": (read_mvnx, MVNX),
     "nexus": (read_nexus, NEXUS),
-    "bodies": (read_bodies, BODY),
 }
 SIGNS = ("", " ", "\n", "\r", "\r\n", "\t", ",", ";", '"', "\x00", "\x0c", "\x85", "\u2028", "é")
 NUMBERS = (
@@ -92,16 +90,6 @@ def check_motion(motion: JointMotion) -> None:
         assert np.isfinite(angles).all()
 
 
-def place_of(reader: Reader, folder: Path, content: bytes) -> Path:
-    """Write a file, or a folder with it and an unchanged one."""
-    if reader is not read_bodies:
-        return write(folder / "take.csv", content)
-    (folder / "take").mkdir(exist_ok=True)
-    write(folder / "take" / "a.csv", content)
-    write(folder / "take" / "b.csv", BODY)
-    return folder / "take"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 @settings(deadline=2000, max_examples=150, suppress_health_check=SLOW)
@@ -113,7 +101,7 @@ def test_no_change_of_text_breaks_a_reader(name: str, data: st.DataObject, tmp_p
         end = data.draw(st.integers(start, min(len(text), start + 40)))
         new = data.draw(PIECES | st.text(max_size=8) | st.just(text[start:end] * 2))
         text = text[:start] + new + text[end:]
-    check(reader, place_of(reader, tmp_path, text.encode("utf-8", "surrogatepass")))
+    check(reader, write(tmp_path / "take.csv", text.encode("utf-8", "surrogatepass")))
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -125,7 +113,7 @@ def test_no_change_of_bytes_breaks_a_reader(name: str, data: st.DataObject, tmp_
     for _ in range(data.draw(st.integers(1, 6))):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     content = content[: data.draw(st.integers(0, len(content)) | st.just(len(content)))]
-    check(reader, place_of(reader, tmp_path, bytes(content)))
+    check(reader, write(tmp_path / "take.csv", bytes(content)))
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -133,7 +121,7 @@ def test_no_cut_breaks_a_reader(name: str, tmp_path: Path) -> None:
     reader, text = FORMATS[name]
     content = text.encode()
     for end in range(len(content)):
-        check(reader, place_of(reader, tmp_path, content[:end]))
+        check(reader, write(tmp_path / "take.csv", content[:end]))
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -141,4 +129,4 @@ def test_no_cut_breaks_a_reader(name: str, tmp_path: Path) -> None:
 @given(content=st.binary(max_size=300))
 def test_no_bytes_break_a_reader(name: str, content: bytes, tmp_path: Path) -> None:
     reader, _ = FORMATS[name]
-    check(reader, place_of(reader, tmp_path, content))
+    check(reader, write(tmp_path / "take.csv", content))
