@@ -96,7 +96,7 @@ def kind_of(path: Path) -> Kind:
         RecordingError: if the format is unknown.
     """
     if os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
-        if _function("bag.is_bag")(path):
+        if _function("bag.is_bag_folder")(path):
             return BAG
         raise RecordingError(
             f"{str(path)!r} is a folder, allowed the recording file itself, a bag's folder or one"

@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -27,10 +26,9 @@ from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError
 from ergoqp.mocap.formats.bag_series import (
     MOST,
     Frames,
+    Joints,
     Markers,
-    Moved,
     Series,
-    Shown,
     Tree,
     onto,
     plain,
@@ -42,58 +40,34 @@ from ergoqp.mocap.formats.opensim import tell_person
 from ergoqp.mocap.formats.text import BAG_MARKS, Asked, beginning, poses_of, short, some
 from ergoqp.mocap.recording import JointMotion
 
-_STORAGES: Final = (".db3", ".mcap")
 _METADATA: Final = "metadata.yaml"
 _SPECIAL: Final = "?#%"
 """Characters with a meaning in the URI by which rosbags passes a name to SQLite."""
 
 
-def is_bag(path: Path) -> bool:
-    """Return whether a file or folder is a ROS bag, by its ending or its metadata.
-
-    A folder without metadata is a bag if it contains files of a bag and nothing else.
-    """
-    if not os.path.isdir(path):  # `Path.is_dir` raises if a name is too long
-        return path.suffix.lower() in BAG_MARKS.values()
-    metadata = path / _METADATA
-    if metadata.is_file() and b"rosbag2_bagfile_information" in beginning(metadata):
-        return True
-    others = [
-        each
-        for each in _entries(path)
-        # SQLite writes further files beside its own: take.db3-wal, take.db3-shm.
-        if not each.suffix.startswith(_STORAGES) and each.name != _METADATA
-    ]
-    return bool(_storages(path)) and not others
+def is_bag_folder(folder: Path) -> bool:
+    """Return whether a folder is a bag of ROS 2, by its metadata."""
+    metadata = folder / _METADATA
+    return metadata.is_file() and b"rosbag2_bagfile_information" in beginning(metadata)
 
 
-def sources_of(path: Path, stack: ExitStack) -> list[Path]:
-    """Return the paths that rosbags has to open: a file, a folder, or the files of a folder.
-
-    Args:
-        path: the bag.
-        stack: removes, when it closes, the link that gives a file the name that rosbags expects.
-
-    Raises:
-        RecordingError: if there is no bag, or a file of that name cannot be opened.
-    """
+def _check_name(path: Path) -> None:
+    """Raise an error if rosbags would not open a bag because of its name."""
     if not os.path.isdir(path):
-        return [_known_file(path, stack)]
-    files = _storages(path)
-    # rosbags takes every path with the ending .bag for a file of ROS 1.
-    whole = (path / _METADATA).is_file() and path.suffix != ".bag"
-    sources = [path] if whole else files
-    if not sources:
+        first = beginning(path, max(map(len, BAG_MARKS)))
+        ending = next((end for mark, end in BAG_MARKS.items() if first.startswith(mark)), None)
+        if ending is None:
+            raise RecordingError(
+                f"{path.name}: got a file that does not begin like a bag, allowed a whole ROS bag"
+            )
+        if path.suffix != ending:
+            raise RecordingError(
+                f"{path.name}: got a ROS bag with another ending, allowed {ending}: rename it"
+            )
+    if marks := [mark for mark in _SPECIAL if mark in str(path)]:
         raise RecordingError(
-            f"{path.name}: got a folder without metadata.yaml, .db3 or .mcap, allowed a ROS bag"
+            f"{short(str(path))}: got {marks[0]} in the path of a bag, allowed a path without it"
         )
-    marks = [mark for mark in _SPECIAL if mark in str(path)]
-    if marks and any(file.suffix == ".db3" for file in files):
-        raise RecordingError(
-            f"{short(str(path))}: got {marks[0]} in the path of a .db3 file, allowed a path without"
-            " it"
-        )
-    return sources
 
 
 @contextmanager
@@ -122,42 +96,6 @@ def _fault(error: Exception) -> str:
     return "got a bag that is damaged or cut off"
 
 
-def _known_file(path: Path, stack: ExitStack) -> Path:
-    """Return a bag's file under a name that rosbags accepts."""
-    first = beginning(path, max(map(len, BAG_MARKS)))
-    ending = next((ending for mark, ending in BAG_MARKS.items() if first.startswith(mark)), None)
-    if ending is None:
-        raise RecordingError(
-            f"{path.name}: got a file that does not begin like a bag, allowed a whole ROS bag"
-        )
-    if path.suffix == ending and not any(mark in str(path) for mark in _SPECIAL):
-        return path
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="ergoqp-bag-")))
-    named = folder / f"bag{ending}"
-    try:
-        named.symlink_to(path.resolve())
-    except OSError as error:  # not every system allows links to everybody
-        raise RecordingError(
-            f"{path.name}: got a name that rosbags does not accept and that cannot be linked"
-            f" ({error.strerror}), allowed a name that ends in {ending} and has none of {_SPECIAL}"
-        ) from None
-    return named
-
-
-def _storages(folder: Path) -> list[Path]:
-    return sorted(path for path in _entries(folder) if path.suffix in _STORAGES)
-
-
-def _entries(folder: Path) -> list[Path]:
-    """Return the entries of a folder that are not hidden."""
-    try:
-        return [path for path in folder.iterdir() if not path.name.startswith(".")]
-    except OSError as error:
-        raise RecordingError(
-            f"{folder.name} cannot be read: {error.strerror}, allowed a folder"
-        ) from None
-
-
 MARKERS: Final = "visualization_msgs/msg/MarkerArray"
 TYPES: Final = (
     MARKERS,
@@ -178,7 +116,7 @@ class Topics:
         self.where = where
         self.markers: dict[str, Markers] = {}
         self.tree = Tree(where)
-        self._poses: dict[str, dict[str, Series]] = {}
+        self._poses: dict[str, tuple[str, Series]] = {}
         self._angles: dict[tuple[str, ...], Series] = {}
 
     def take(self, topic: str, kind: str, message: Any, recorded: int) -> None:
@@ -194,43 +132,48 @@ class Topics:
         else:
             self._take_pose(topic, message, recorded)
 
-    def person(self) -> tuple[Shown | Moved | None, list[str]]:
+    def person(self) -> tuple[Joints | None, list[str]]:
         """Return the person, from the topic with the most joints, and sentences about the others.
 
         A topic with the joints of an Azure Kinect is preferred: other moving frames may be a
         robot's.
         """
-        notes = []
-        shown: dict[str, Markers] = {}
-        for topic, markers in self.markers.items():
-            if not markers.ids:
-                notes.append(f"None of the {len(markers)} messages of {topic} shows anybody.")
-            elif markers.crowded:
-                notes.append(f"{topic} has {len(markers.ids)} markers or more and is not read.")
-            else:
-                shown[topic] = markers
+        notes = [
+            f"None of the {len(markers)} messages of {topic} shows anybody."
+            for topic, markers in self.markers.items()
+            if not markers.ids
+        ]
+        notes += [
+            f"{topic} has {len(markers.ids)} markers or more and is not read."
+            for topic, markers in self.markers.items()
+            if markers.crowded
+        ]
+        shown = {
+            topic: markers
+            for topic, markers in self.markers.items()
+            if markers.ids and not markers.crowded
+        }
         best = max(shown, key=lambda name: (shown[name].kinect, len(shown[name].ids)), default=None)
         moving = self.tree.names
-        if best is not None and (shown[best].kinect or len(shown[best].ids) >= len(moving)):
-            notes += [
-                f"The markers of {topic} are not read: those of {best} are taken as the person."
-                for topic in shown
-                if topic != best
-            ]
-            if moving:
-                notes.append(
-                    f"The moving frames {some([plain(name) for name in moving])} of tf are not"
-                    f" read: the markers of {best} are taken as the person."
-                )
-            return shown[best].joints(), notes
+        if best is not None and not shown[best].kinect and len(shown[best].ids) < len(moving):
+            best = None
         notes += [
-            f"The markers of {topic} are not read: tf has more moving frames." for topic in shown
+            f"The markers of {topic} are not read: others are taken as the person."
+            for topic in shown
+            if topic != best
         ]
-        return (self.tree.joints() if moving else None), notes
+        if best is None:
+            return (self.tree.joints() if moving else None), notes
+        if moving:
+            notes.append(
+                f"The moving frames {some([plain(name) for name in moving])} of tf are not"
+                f" read: the markers of {best} are taken as the person."
+            )
+        return shown[best].joints(), notes
 
     def clock(self) -> Frames | None:
         """Return the messages of the busiest poses or angles as frames; None if there are none."""
-        poses = [series for within in self._poses.values() for series in within.values()]
+        poses = [series for _, series in self._poses.values()]
         busiest = max([*poses, *self._angles.values()], key=len, default=None)
         return None if busiest is None else busiest.frames(self.where)
 
@@ -244,48 +187,31 @@ class Topics:
 
         Args:
             frames: the frames.
-            target: the coordinate frame of the person's joints; None: that of most messages.
+            target: the coordinate frame of the person's joints; None: that of most topics.
         """
-        count: Counter[str] = Counter()
-        for series in self._poses.values():
-            count.update({within: len(each) for within, each in series.items()})
-        if target is None and count:
-            target = count.most_common(1)[0][0]
+        if target is None:
+            usual = Counter(within for within, _ in self._poses.values()).most_common(1)
+            target = usual[0][0] if usual else None
         poses, notes, places = {}, [], []
-        for topic, series in self._poses.items():
-            rows = np.full((len(frames.time), 7), np.nan, dtype=np.float32)
-            read = False
-            # A topic with poses in several coordinate frames is read in the busiest one first.
-            for within, each in sorted(series.items(), key=lambda item: -len(item[1])):
-                found, said = self._brought(topic, within, each, frames, str(target))
-                notes += said
-                if found is not None:
-                    rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, found)
-                    read = True
-            if read:
-                poses[topic.lstrip("/")] = poses_of(rows[:, :3], rows[:, 3:])
-            if list(series) == [target]:
+        for topic, (within, series) in self._poses.items():
+            rows = series.at(frames, f"{self.where}: {topic}")
+            pose = np.concatenate([rows[:, :3], turns_of(rows[:, 3:])], axis=1)
+            if within == target:
                 places.append(f"{topic} in {short(str(target))}")
+            elif (way := self.tree.between(within, str(target), frames)) is None:
+                notes.append(
+                    f"The poses of {topic} are in the frame {short(within)} and are left out: tf"
+                    f" does not connect it with {short(str(target))}, the frame of the rest."
+                )
+                continue
+            else:
+                pose = onto(way, pose)
+                notes.append(
+                    f"The poses of {topic} are transformed by tf from the frame {short(within)} to"
+                    f" {short(str(target))}."
+                )
+            poses[topic.lstrip("/")] = poses_of(pose[:, :3], pose[:, 3:])
         return poses, ([f"The poses are those of {some(places)}."] if places else []) + notes
-
-    def _brought(
-        self, topic: str, within: str, series: Series, frames: Frames, target: str
-    ) -> tuple[np.ndarray | None, list[str]]:
-        """Return poses (n, 7) in a coordinate frame, None if it is not connected, and sentences."""
-        rows = series.at(frames, f"{self.where}: {topic}")
-        pose = np.concatenate([rows[:, :3], turns_of(rows[:, 3:])], axis=1)
-        if within == target:
-            return pose, []
-        way = self.tree.between(within, target, frames)
-        if way is None:
-            return None, [
-                f"The poses of {topic} are in the frame {short(within)} and are left out: tf does"
-                f" not connect it with {short(target)}, the frame of the rest."
-            ]
-        return onto(way, pose), [
-            f"The poses of {topic} are transformed by tf from the frame {short(within)} to"
-            f" {short(target)}."
-        ]
 
     def angles(self, frames: Frames) -> Mapping[str, np.ndarray]:
         """Return the joint angles (n,) [rad] at frames, by their names."""
@@ -303,10 +229,15 @@ class Topics:
             row = pose_row(message.pose.position, message.pose.orientation)
         else:
             row = pose_row(message.transform.translation, message.transform.rotation)
-        series = self._poses.setdefault(topic, {})
         within = message.header.frame_id.lstrip("/")
-        series.setdefault(within, Series(7)).add(stamp_of(message.header), recorded, row)
-        self._check(len(self._poses) + len(series), f"{topic}: got", "topics or frames of poses")
+        usual, series = self._poses.setdefault(topic, (within, Series(7)))
+        if within != usual:
+            raise RecordingError(
+                f"{self.where}: {topic}: got poses in the frames {short(usual)} and"
+                f" {short(within)}, allowed one frame"
+            )
+        series.add(stamp_of(message.header), recorded, row)
+        self._check(len(self._poses), f"{topic}: got", "topics of poses")
 
     def _take_angles(self, topic: str, message: Any, recorded: int) -> None:
         names, angles = list(message.name), message.position
@@ -330,8 +261,6 @@ class Topics:
 
 _LONGEST: Final = 1_000_000
 """Largest number of markers or points in one message; a few broken bytes could state more."""
-_EMPTY: Final = 12
-"""Number of bytes of a message with an empty list."""
 _NAMED: Final = 8
 """Number of topics that an error names."""
 _EVERY: Final = 100
@@ -410,38 +339,16 @@ def _opened(path: Path, stack: ExitStack) -> tuple[Any, list[str]]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise MissingExtraError("reading ROS bags", "bags", "rosbags") from None
-    sources = sources_of(path, stack)
-    # In Humble, markers got further fields.
-    for store in (Stores.LATEST, Stores.ROS2_FOXY):
-        with faults(path), ExitStack() as trial:
-            reader = trial.enter_context(AnyReader(sources, default_typestore=get_typestore(store)))
-            reader.typestore.max_sequence_length = _LONGEST
-            undefined = [each for each in reader.connections if not each.msgdef.format.value]
-            if store is Stores.ROS2_FOXY or _decodes(reader, undefined):
-                stack.push(trial.pop_all())
-                break
+    _check_name(path)
+    with faults(path):
+        store = get_typestore(Stores.LATEST)
+        reader = stack.enter_context(AnyReader([path], default_typestore=store))
+        reader.typestore.max_sequence_length = _LONGEST
+        undefined = [each for each in reader.connections if not each.msgdef.format.value]
     used = [each for each in undefined if each.msgtype in TYPES]
-    name = "Foxy" if store is Stores.ROS2_FOXY else "Humble and later"
     return reader, [
-        f"The bag does not define its messages: those of ROS 2 {name} are used."
+        "The bag does not define its messages: those of the latest ROS 2 are used."
     ] * bool(used)
-
-
-def _decodes(reader: Any, connections: list[Any]) -> bool:
-    """Return whether the reader decodes the first markers, or there are none."""
-    from rosbags.highlevel import AnyReaderError
-
-    markers = [each for each in connections if each.msgtype == MARKERS]
-    if not markers:  # for an empty list the reader would read all topics
-        return True
-    for connection, _, raw in reader.messages(markers):
-        if len(raw) > _EMPTY:
-            try:
-                reader.deserialize(raw, connection.msgtype)
-            except AnyReaderError:
-                return False
-            return True
-    return True
 
 
 def _messages(path: Path, reader: Any, connections: list[Any]) -> Iterator[tuple[Any, int, Any]]:

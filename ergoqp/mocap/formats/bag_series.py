@@ -22,7 +22,6 @@ from array import array
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -191,24 +190,25 @@ def _between(sent: np.ndarray, recorded: np.ndarray, stated: np.ndarray) -> np.n
 
 
 @dataclass(frozen=True)
-class Moved:
-    """The coordinate frames that move, all in their common root.
+class Joints:
+    """The joints of a person, or the people, in a bag.
 
     Attributes:
-        names: names of the coordinate frames (m,).
-        within: their root, in whose axes the positions are.
-        positions: positions (n, m, 3), NaN where unknown.
-        turns: name -> unit quaternions (n, 4), NaN where unknown.
+        names: names of the joints (m,).
+        within: the coordinate frame of the positions.
+        positions: positions (n, m, 3), NaN where not seen.
         frames: the frames in time.
         notes: sentences about them.
+        turns: name -> unit quaternions (n, 4), NaN where unknown; none of markers, whose
+            orientations are not those of joints.
     """
 
     names: tuple[str, ...]
     within: str
     positions: np.ndarray
-    turns: Mapping[str, np.ndarray]
     frames: Frames
     notes: tuple[str, ...]
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 class Tree:
@@ -217,7 +217,7 @@ class Tree:
     def __init__(self, where: str) -> None:
         """Begin without coordinate frames; `where` is the file's name."""
         self.where = where
-        self._moving: dict[str, dict[str, Series]] = {}
+        self._moving: dict[str, tuple[str, Series]] = {}
         self._still: dict[str, tuple[str, tuple[float, ...]]] = {}
 
     @property
@@ -233,32 +233,36 @@ class Tree:
             if still:
                 self._still[child] = (parent, row)
                 continue
-            parents = self._moving.setdefault(child, {})
-            parents.setdefault(parent, Series(7)).add(stamp_of(each.header), recorded, row)
-            if len(self._moving) > MOST or len(parents) > MOST:
+            usual, series = self._moving.setdefault(child, (parent, Series(7)))
+            if parent != usual:
+                raise RecordingError(
+                    f"{self.where}: got the frame {short(child)} of tf in {short(usual)} and in"
+                    f" {short(parent)}, allowed one parent"
+                )
+            series.add(stamp_of(each.header), recorded, row)
+            if len(self._moving) > MOST:
                 raise RecordingError(
                     f"{self.where}: got more than {MOST} moving frames of tf, allowed at most that"
                     " many"
                 )
 
-    def joints(self) -> Moved:
+    def joints(self) -> Joints:
         """Return the frames that move, at the times of the one that is published most often.
 
         Raises:
             RecordingError: if the tree has a cycle, or time runs backwards.
         """
-        parents, notes = self._parents()
+        parents = self._parents()
         chains = {name: _chain(self.where, name, parents) for name in self._moving}
         roots = [chain[-1] for chain in chains.values()]
         root = max(dict.fromkeys(roots), key=roots.count)
         names = tuple(name for name, chain in chains.items() if chain[-1] == root)
-        own = {name: self._moving[name][parents[name]] for name in names}
+        own = {name: self._moving[name][1] for name in names}
         clock = max(own, key=lambda name: len(own[name]))
         frames = own[clock].frames(self.where)
         others = [plain(name) for name in chains if name not in names]
         notes = [
             *frames.notes,
-            *notes,
             f"The positions are those of the {len(names)} moving frames of tf, in the axes of their"
             f" root {short(root)} and at the times of {short(clock)}.",
         ]
@@ -268,16 +272,16 @@ class Tree:
         for name in names:
             for link in reversed(chains[name][:-1]):
                 if link not in known:
-                    pose = self._pose(link, parents[link], frames)
+                    pose = self._pose(link, frames)
                     above = known.get(parents[link])
                     known[link] = pose if above is None else onto(above, pose)
         positions = np.stack([known[name][:, :3] for name in names], axis=1)
         turns = {name: known[name][:, 3:] for name in names}
-        return Moved(names, root, positions, turns, frames, (*notes, *repeated(positions)))
+        return Joints(names, root, positions, frames, (*notes, *repeated(positions)), turns)
 
     def between(self, name: str, target: str, frames: Frames) -> np.ndarray | None:
         """Return a frame's pose in another (n, 7), NaN where unknown; None if not connected."""
-        parents, _ = self._parents()
+        parents = self._parents()
         one, other = (_chain(self.where, each, parents)[::-1] for each in (name, target))
         if one[0] != other[0]:
             return None
@@ -290,28 +294,18 @@ class Tree:
     def _along(self, chain: list[str], frames: Frames) -> np.ndarray:
         """Return the pose of the last frame of a chain in the first one (n, 7)."""
         pose = np.tile(np.array([0, 0, 0, 0, 0, 0, 1], np.float32), (len(frames.time), 1))
-        for parent, child in pairwise(chain):
-            pose = onto(pose, self._pose(child, parent, frames))
+        for child in chain[1:]:
+            pose = onto(pose, self._pose(child, frames))
         return pose
 
-    def _parents(self) -> tuple[dict[str, str], list[str]]:
-        """Return child -> parent, and sentences about children with several parents."""
-        parents = {child: parent for child, (parent, _) in self._still.items()}
-        notes = []
-        for child, series in self._moving.items():
-            # The usual parent counts, if the frame is sometimes published in another one.
-            parents[child] = max(series, key=lambda parent: len(series[parent]))
-            if len(series) > 1:
-                notes.append(
-                    f"The frame {short(child)} of tf has {len(series)} different parents; it is"
-                    f" read in {short(parents[child])}."
-                )
-        return parents, notes
+    def _parents(self) -> dict[str, str]:
+        """Return child -> parent."""
+        return {child: parent for child, (parent, _) in (self._still | self._moving).items()}
 
-    def _pose(self, child: str, parent: str, frames: Frames) -> np.ndarray:
+    def _pose(self, child: str, frames: Frames) -> np.ndarray:
         """Return a frame's pose in its parent (n, 7), NaN where unknown."""
         if child in self._moving:
-            rows = self._moving[child][parent].at(frames, f"{self.where}: {plain(child)}")
+            rows = self._moving[child][1].at(frames, f"{self.where}: {plain(child)}")
         else:
             row = np.array([self._still[child][1]], dtype=np.float32)
             rows = np.tile(finite(row, f"{self.where}: {plain(child)}"), (len(frames.time), 1))
@@ -380,35 +374,12 @@ KINECT: Final[tuple[str, ...]] = (
 """The joints of the Azure Kinect, in their order."""
 _POINTS: Final = frozenset({0, 1, 2, 3, 9, 10})
 """Types of markers that have one position: arrow, cube, sphere, cylinder, text and mesh."""
-_IDS: Final = 100_000
-"""Largest number of different markers of a topic."""
 _CHANGES: Final = 3
 """Fewer changes of the body's number are no evidence."""
 _LEAP: Final = 0.3
 """Distance by which no pelvis moves from one message to the next [m]."""
-_CROWD: Final = 20
-"""Largest number of bodies that are read if several are seen at once; more are tracking errors."""
-
-
-@dataclass(frozen=True)
-class Shown:
-    """The joints that a topic's markers show.
-
-    Attributes:
-        names: names of the joints (m,).
-        within: the coordinate frame of the positions.
-        positions: positions (n, m, 3), NaN where not seen.
-        frames: the frames.
-        notes: sentences about them.
-        turns: empty, because the orientations of markers are not those of joints.
-    """
-
-    names: tuple[str, ...]
-    within: str
-    positions: np.ndarray
-    frames: Frames
-    notes: tuple[str, ...]
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+_IDS: Final = 100_000
+"""Largest number of different markers of a topic."""
 
 
 class Markers:
@@ -458,7 +429,7 @@ class Markers:
         self._sent.append(sent)
         self._recorded.append(recorded)
 
-    def joints(self) -> Shown:
+    def joints(self) -> Joints:
         """Return the joints of all messages.
 
         Raises:
@@ -491,7 +462,7 @@ class Markers:
         positions = positions if frames.kept.all() else positions[frames.kept]
         # Consecutive messages that show nobody do not count as repeated frames.
         notes += repeated(positions[shown[frames.kept]])
-        return Shown(names, within, positions, frames, tuple(notes))
+        return Joints(names, within, positions, frames, tuple(notes))
 
     @property
     def kinect(self) -> bool:
@@ -512,10 +483,10 @@ class Markers:
         numbers = np.array([number for _, number in self.ids], dtype=np.int64)
         bodies, which = np.unique(numbers // 100, return_inverse=True)
         notes = ["The 32 markers of a body are taken as the joints of the Azure Kinect."]
-        seen = which[np.frombuffer(self._id, dtype=np.intc)]
-        pelvis = (numbers % 100 == 0)[np.frombuffer(self._id, dtype=np.intc)]
+        marks = np.frombuffer(self._id, dtype=np.intc)
+        pelvis = (numbers % 100 == 0)[marks]
         if np.bincount(messages[pelvis]).max(initial=0) <= 1:
-            if not self._alternate(seen[pelvis], pelvis):
+            if not self._alternate(which[marks][pelvis], pelvis):
                 if len(bodies) > 1:
                     notes.append(
                         f"The tracker numbers {len(bodies)} bodies but never shows two at once:"
@@ -526,15 +497,8 @@ class Markers:
                 f"The tracker shows {len(bodies)} bodies in turn and far apart: they are taken as"
                 " different people."
             )
-        often = np.bincount(seen[pelvis], minlength=len(bodies))
-        kept = np.sort(np.argsort(-often, kind="stable")[:_CROWD])
-        if len(kept) < len(bodies):
-            notes.append(f"Of {len(bodies)} bodies the {_CROWD} that are seen most often are read.")
-        names = tuple(f"body {bodies[k]}:{joint}" for k in kept for joint in KINECT)
-        row = np.full(len(bodies), -1)
-        row[kept] = np.arange(len(kept))
-        columns = np.where(row[which] >= 0, row[which] * count + numbers % 100, -1)
-        return names, columns, notes
+        names = tuple(f"body {body}:{joint}" for body in bodies for joint in KINECT)
+        return names, which * count + numbers % 100, notes
 
     def _alternate(self, bodies: np.ndarray, shown: np.ndarray) -> bool:
         """Return whether bodies that are never shown at once belong to different people.

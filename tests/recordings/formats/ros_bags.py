@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -33,11 +32,11 @@ ANGLES = "sensor_msgs/msg/JointState"
 LIFTED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
 """A quarter turn about z."""
 
-_STORES = {"ros1": Stores.ROS1_NOETIC, "foxy": Stores.ROS2_FOXY}
+_STORES = {"ros1": Stores.ROS1_NOETIC}
 
 
 class Bag:
-    """A bag of one of `KINDS`, or "foxy": sqlite3 as Foxy writes it, without definitions."""
+    """A bag of one of `KINDS`."""
 
     def __init__(self, folder: Path, kind: str) -> None:
         self.kind = kind
@@ -141,10 +140,6 @@ class Bag:
                 writer.write(known[topic], stamp, serialize(message, kind))
             for topic in topics:
                 writer.add_connection(topic, "std_msgs/msg/String", typestore=self.store)
-        if self.kind == "foxy":
-            with sqlite3.connect(self.path / "take.db3") as base:
-                base.execute("DELETE FROM message_definitions")
-            base.close()
         return self.path
 
 

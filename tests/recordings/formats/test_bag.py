@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ros_bags import KINDS, LIFTED, Bag, body, read
 
-from ergoqp.mocap.formats.bag import is_bag, read_bag
+from ergoqp.mocap.formats.bag import is_bag_folder, read_bag
 from ergoqp.mocap.formats.bag_series import KINECT
 from ergoqp.mocap.formats.table import read_table
 from ergoqp.mocap.formats.text import Asked
@@ -166,23 +166,19 @@ def test_a_sender_of_another_clock_is_read_by_the_recorders(ros1: Bag, late: flo
     assert motion.objects["cup"][:, 0, 3] == pytest.approx(TIMES, abs=1e-6)
 
 
-def test_trees_apart_and_frames_in_several(ros1: Bag) -> None:
+def test_trees_apart(ros1: Bag) -> None:
     messages = []
     for time in TIMES:
         seen = [ros1.transform(time, "room", name, (time, 0, 0)) for name in ("head", "hand")]
         other = ros1.transform(time, "odom", "robot", (0, 0, 0))
         messages.append((time, "/tf", ros1.tf(*seen, other)))
-    messages.append((0.5, "/tf", ros1.tf(ros1.transform(0.5, "head", "hand", (0, 0, 9)))))
-    motion = read(ros1.write(sorted(messages, key=lambda each: each[0])))
+    motion = read(ros1.write(messages))
     assert motion.names == ("head", "hand")
-    text = " ".join(motion.notes)
-    assert "The frames robot of tf have another root" in text
-    assert "The frame 'hand' of tf has 2 different parents; it is read in 'room'." in text
+    assert "The frames robot of tf have another root" in " ".join(motion.notes)
 
 
-@pytest.mark.parametrize("kind", ["foxy", "sqlite3"])
-def test_markers_without_a_definition(tmp_path: Path, kind: str) -> None:
-    bag = Bag(tmp_path, kind)
+def test_markers_without_a_definition(tmp_path: Path) -> None:
+    bag = Bag(tmp_path, "sqlite3")
     messages = [(t, "/bodies", bag.markers(t, body(1, t) if t else {})) for t in TIMES]
     path = bag.write(messages)
     with sqlite3.connect(path / "take.db3") as base:
@@ -190,27 +186,18 @@ def test_markers_without_a_definition(tmp_path: Path, kind: str) -> None:
     base.close()
     motion = read(path)
     assert motion.of("PELVIS")[1:, 2] == pytest.approx(TIMES[1:], abs=1e-6)
-    name = "Foxy" if kind == "foxy" else "Humble and later"
-    assert (
-        f"The bag does not define its messages: those of ROS 2 {name} are used."
-    ) in motion.notes
+    said = "The bag does not define its messages: those of the latest ROS 2 are used."
+    assert said in motion.notes
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_a_bag(tmp_path: Path, kind: str) -> None:
-    """A folder, its file alone, and the folder without metadata or with a name of ROS 1."""
+    """A folder with its metadata, or its file alone."""
     bag = Bag(tmp_path, kind)
     path = bag.write([(t, "/bodies", bag.markers(t, body(1, t))) for t in TIMES])
-    assert not is_bag(tmp_path)
-    assert is_bag(path)
+    assert not is_bag_folder(tmp_path)
     if kind == "ros1":
         return
+    assert is_bag_folder(path)
     (file,) = [each for each in path.iterdir() if each.suffix != ".yaml"]
-    assert is_bag(file)
     assert len(read(file).time) == 10
-    named = path.rename(tmp_path / "take.bag")
-    assert len(read(named).time) == 10
-    (named / "metadata.yaml").unlink()
-    bare = named.rename(tmp_path / "bare")
-    assert is_bag(bare)
-    assert len(read(bare).time) == 10

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from ros_bags import LIFTED, Bag, body, read
 
+from ergoqp.errors import RecordingError
+
 TIMES = np.arange(10) / 10
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 """What `LIFTED` does."""
@@ -62,12 +64,17 @@ def test_a_pose_in_a_frame_that_nobody_connects(bag: Bag) -> None:
 
 
 def test_one_topic_in_two_frames(bag: Bag) -> None:
-    """Where the busiest frame tells nothing the other one does."""
-    still = bag.tf(bag.transform(0, "world", "camera", (1, 0, 0)))
     early = [(0.0, "/cup", bag.pose(0.0, (7, 0, 0), frame="world"))]
-    motion = written(bag, (0.0, "/tf_static", still), *early, *cup(bag, "camera")[2:])
-    places = motion.objects["cup"][:, 0, 3]
-    np.testing.assert_allclose(places, [6, 6, *TIMES[2:]], atol=1e-6)
+    said = "take.bag: /cup: got poses in the frames 'world' and 'camera', allowed one frame"
+    with pytest.raises(RecordingError, match=said):
+        written(bag, *early, *cup(bag, "camera")[2:])
+
+
+def test_one_frame_in_two_others(bag: Bag) -> None:
+    moved = [(t, "/tf", bag.tf(bag.transform(t, f"arm{t > 0.5}", "cup", (0, 0, t)))) for t in TIMES]
+    said = "got the frame 'cup' of tf in 'armFalse' and in 'armTrue', allowed one parent"
+    with pytest.raises(RecordingError, match=said):
+        written(bag, *moved)
 
 
 def test_the_frames_of_tf_are_in_their_root(bag: Bag) -> None:

@@ -184,7 +184,6 @@ def test_more_than_anybody_has(ros1: Bag) -> None:
 
 def test_no_file_and_no_bag(tmp_path: Path) -> None:
     sentence(tmp_path / "none.bag", r"^none\.bag: got no file")
-    sentence(tmp_path, r"got a folder without metadata\.yaml, \.db3 or \.mcap")
     for name in ("text.bag", "text.db3", "text.mcap"):
         (tmp_path / name).write_text("This is no bag, however long it may be.\n" * 100)
         sentence(tmp_path / name, rf"^{name}: got .*, allowed a whole ROS bag")
@@ -192,7 +191,7 @@ def test_no_file_and_no_bag(tmp_path: Path) -> None:
 
 def test_marks_in_a_name(tmp_path: Path) -> None:
     path = people(Bag(tmp_path, "sqlite3")).rename(tmp_path / "take#2")
-    sentence(path, r"got # in the path of a \.db3 file")
+    sentence(path, r"got # in the path of a bag")
 
 
 def test_without_rosbags_its_extra_is_named(ros1: Bag, monkeypatch: pytest.MonkeyPatch) -> None:
