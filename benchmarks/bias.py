@@ -48,8 +48,8 @@ from ergoqp.limits import AXES, JointLimit
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import awkward_start
-from ergoqp.rest.model_person import Alike, Start, sample_person
-from ergoqp.rest.person import Senses
+from ergoqp.rest.model_person import ModelPerson, Start, sample_person
+from ergoqp.rest.person import SensorModel
 from ergoqp.simulation.loop import Trace, run_loop
 from ergoqp.step.stepper import Stepper
 
@@ -132,12 +132,17 @@ class Biased(Stepper):
 
 
 def follows(
-    problem: Problem, stepper: Stepper, person: Alike, start: Start, bias: np.ndarray, seed: int
+    problem: Problem,
+    stepper: Stepper,
+    person: ModelPerson,
+    start: Start,
+    bias: np.ndarray,
+    seed: int,
 ) -> tuple[bool, bool, bool, bool]:
     """Return (ends worse by the sensors, ends worse in truth, never rests, moves) for a loop."""
     trace = run_loop(
         problem,
-        person.holding(start, Senses(drift_deg=0.0)),
+        person.holding(start, SensorModel(drift_deg=0.0)),
         duration=20.0,
         seed=seed,
         controller=Biased(stepper, bias),

@@ -33,8 +33,8 @@ from benchmarks.loops import Loops, end_score, figures_of, gather, optimum_of, r
 from benchmarks.report import Report, run
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.model_person import Alike, Start, sample_person
-from ergoqp.rest.person import Senses, frames
+from ergoqp.rest.model_person import ModelPerson, Start, sample_person
+from ergoqp.rest.person import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace
 from ergoqp.simulation.robot import moved
@@ -83,10 +83,10 @@ def _plain_way(problem: Problem):
     q = ca.MX.sym("q", 32)
     slope = problem.response.expression(q).T @ ca.gradient(problem.cost.expression(q), q)
     descend = ca.Function("plain", [q], [-EPS * slope])
-    senses = Senses()
+    senses = SensorModel()
     follow = 1.0 - float(np.exp(-problem.dt / senses.hand_time))
 
-    def loop(person: Alike, start: Start, steps: int, seed: int) -> tuple[int, float]:
+    def loop(person: ModelPerson, start: Start, steps: int, seed: int) -> tuple[int, float]:
         checker = Checker(problem)
         errors = frames(senses, problem.dt, np.random.default_rng([seed, 2]))
         posture, pose, twist = start.posture, start.pose, np.zeros(6)

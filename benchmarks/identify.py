@@ -40,7 +40,7 @@ from benchmarks.people_draw import judged, model_optimum
 from benchmarks.report import Report, run
 from ergoqp.identification.identify import HABIT, Identified, Identifier
 from ergoqp.identification.loops import delay_of, watched
-from ergoqp.identification.promising import Promising, chosen
+from ergoqp.identification.promising import CandidateSearch, chosen
 from ergoqp.problem.load import TASKS
 from ergoqp.rest.person import Holding
 from ergoqp.seeking import Place, Seeker
@@ -59,10 +59,10 @@ Rest = tuple[np.ndarray, np.ndarray]
 
 
 @cache
-def tools_of(name: str) -> tuple[Identifier, Promising]:
+def tools_of(name: str) -> tuple[Identifier, CandidateSearch]:
     """Return what identifies people of a problem: once per process."""
     problem, _ = judged(name)
-    return Identifier(problem), Promising(problem, SCORED_AT_DEG)
+    return Identifier(problem), CandidateSearch(problem, SCORED_AT_DEG)
 
 
 def rests_of_person(home: Holding, name: str, rng: np.random.Generator, count: int) -> list[Rest]:
@@ -155,7 +155,7 @@ def _nearest(given: Sequence[Rest], pose: np.ndarray) -> np.ndarray:
     return min(given, key=lambda each: float(np.linalg.norm(each[1][:3, 3] - pose[:3, 3])))[0]
 
 
-def _three(promising: Promising, person: Identified) -> list[np.ndarray]:
+def _three(promising: CandidateSearch, person: Identified) -> list[np.ndarray]:
     """Return the three places that together promise this person most."""
     return [place.pose for place in chosen(promising.places(person, 15.0), 3)]
 

@@ -18,7 +18,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import draw_starts, workspace_map
-from ergoqp.rest.model_person import Alike, Start
+from ergoqp.rest.model_person import ModelPerson, Start
 from ergoqp.seeking import Seeker
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
@@ -55,7 +55,7 @@ Beside = Callable[[Start, int, Trace], None]
 """Told of every loop: its start, its seed and its trace."""
 
 
-def optimum_of(problem: Problem, person: Alike | None) -> Optimum:
+def optimum_of(problem: Problem, person: ModelPerson | None) -> Optimum:
     """Return the best place for a person at ease (None: the model), as by ``ergoqp optimise``."""
     response = person_of(problem) if person is None else person.response
     return optimise(problem, response.comfort, person=person)
@@ -64,7 +64,7 @@ def optimum_of(problem: Problem, person: Alike | None) -> Optimum:
 def run_loops(
     loops: Loops,
     problem: Problem,
-    person: Alike,
+    person: ModelPerson,
     person_seed: int,
     count: int,
     controller: Stepper | Seeker,
@@ -128,7 +128,7 @@ def run_loops(
 
 
 def end_score(
-    problem: Problem, person: Alike, start: Start, posture: np.ndarray, pose: np.ndarray
+    problem: Problem, person: ModelPerson, start: Start, posture: np.ndarray, pose: np.ndarray
 ) -> int:
     """Return the exact score of the rest posture where the object is now.
 
@@ -138,7 +138,7 @@ def end_score(
     return int(problem.assess(rest if reached else posture).final[0])
 
 
-def placed_score(problem: Problem, person: Alike, start: Start, pose: np.ndarray) -> int:
+def placed_score(problem: Problem, person: ModelPerson, start: Start, pose: np.ndarray) -> int:
     """Exact score of the rest posture where the object is carried straight to a pose.
 
     Nothing but the person's reach limits the carrying.

@@ -41,7 +41,7 @@ from benchmarks.report import Report
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.mocap import Recording, fit_postures, load_recording
 from ergoqp.mocap.joints import joints_of
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.markers.fit import places_of_markers
 from ergoqp.mocap.readers import read_motion
 from ergoqp.sheets import reba
@@ -127,7 +127,7 @@ def opensim(path: Path, *, scapula: bool) -> float:
     if not scapula:
         kept = {name: each for name, each in motion.angles.items() if "scapula" not in name}
         motion = replace(motion, angles=kept)
-    recording = recording_of(motion, path.name, Reading(unit=1.0, up="y"))
+    recording = recording_of(motion, path.name, ReadOptions(unit=1.0, up="y"))
     ours = elevation_of(recording.postures)[0][:, SIDES.index("right")]
     away = np.degrees(ours - motion.angles["shoulder_elv"])[recording.scored]
     return float(np.sqrt(np.mean(away**2)))

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Report
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.markers.fit import completed
 from ergoqp.mocap.naming import best_set
 from ergoqp.mocap.readers import read_motion
@@ -58,7 +58,7 @@ def told_off(motion: JointMotion, name: str, rows: slice) -> np.ndarray:
     positions = motion.positions.copy()
     positions[rows, i] = np.nan
     gappy = replace(motion, positions=positions)
-    alone = recording_of(gappy, name, Reading(up="z", unit=1.0, completed=True))
+    alone = recording_of(gappy, name, ReadOptions(up="z", unit=1.0, completed=True))
     poses = alone.base_poses
     yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     pelvis = np.column_stack([poses[:, :3, 3], yaw])

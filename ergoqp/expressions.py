@@ -59,7 +59,7 @@ def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]
     )
 
 
-def by_name(
+def call_by_name(
     function: ca.Function, known: Mapping[str, Any], written: bool = False
 ) -> dict[str, ca.MX]:
     """Return the outputs of a function by name, for inputs by name.

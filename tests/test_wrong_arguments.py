@@ -31,7 +31,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.responses import IkResponse, LinearResponse
-from ergoqp.rest.person import Senses
+from ergoqp.rest.person import SensorModel
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
@@ -116,7 +116,7 @@ CHEAP: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "DeclaredRobot": (DeclaredRobot, {}),
     "Frames": (Frames, {}),
     "RobotKind": (RobotKind, {}),
-    "Senses": (Senses, {}),
+    "Senses": (SensorModel, {}),
     "Body": (Body, {}),
     "Body.of_stature": (Body.of_stature, {"stature": 1.7}),
     "Body.of_lengths": (Body.of_lengths, {"lengths": {"upper_arm": 0.3}}),
@@ -444,7 +444,7 @@ def test_a_cost_of_ones_own_is_judged_before_the_loop(
         lambda: DataSet(
             np.eye(30)[:, :3], np.arange(30), ("trunk_flexion", "neck_flexion", "trunk_twist")
         ),
-        lambda: Senses(delay=np.float64(0.1), lost=0),
+        lambda: SensorModel(delay=np.float64(0.1), lost=0),
     ],
 )
 def test_what_is_right_is_taken_however_it_is_written(call: Callable[[], Any]) -> None:

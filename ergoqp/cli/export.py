@@ -18,7 +18,7 @@ from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.responses import IkResponse
 from ergoqp.rest.best_place import awkward_start
-from ergoqp.rest.model_person import Alike
+from ergoqp.rest.model_person import ModelPerson
 
 ABOUT = """Write the control step of a problem as C99.
 
@@ -76,6 +76,6 @@ def _awkward(problem: Problem) -> np.ndarray | None:
     if not isinstance(problem.response, IkResponse):
         return None
     try:
-        return awkward_start(problem, Alike(problem.response), 0)
+        return awkward_start(problem, ModelPerson(problem.response), 0)
     except InputError:
         return None

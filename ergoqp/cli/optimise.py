@@ -21,7 +21,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import At, ProblemName, ReadOptions, SearchOptions, grouped, out_option
+from ergoqp.cli.options import At, ProblemName, RecordingOptions, SearchOptions, grouped, out_option
 from ergoqp.cli.run import frame_of_recording
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
@@ -48,7 +48,7 @@ NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture 
 """Names of the modes in the table."""
 
 
-@grouped(search=SearchOptions, read=ReadOptions)
+@grouped(search=SearchOptions, read=RecordingOptions)
 def command(
     name: ProblemName,
     recording: Annotated[
@@ -61,7 +61,7 @@ def command(
     out: Annotated[Path | None, out_option("optimise-PROBLEM")] = None,
     *,
     search: SearchOptions,
-    read: ReadOptions,
+    read: RecordingOptions,
 ) -> None:
     """Find the best place, print the table, and write ``optimum.json`` and the page.
 
@@ -105,7 +105,7 @@ def command(
 
 
 def _who(
-    problem: Problem, recording_path: Path | None, at: float | None, read: ReadOptions
+    problem: Problem, recording_path: Path | None, at: float | None, read: RecordingOptions
 ) -> tuple[np.ndarray | None, Body | None, list[str]]:
     """Return the posture, the body of the person, and the assumptions."""
     if recording_path is None:

@@ -64,7 +64,7 @@ Starts = Annotated[int, typer.Option("--starts", metavar="N", help="Number of st
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class RecordingOptions:
     """How to read a recording."""
 
     person: Annotated[

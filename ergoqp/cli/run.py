@@ -22,7 +22,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import At, ProblemName, ReadOptions, grouped, out_option
+from ergoqp.cli.options import At, ProblemName, RecordingOptions, grouped, out_option
 from ergoqp.cli.options import Guide as GuideName
 from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_person
@@ -38,7 +38,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place
-from ergoqp.rest.person import Senses
+from ergoqp.rest.person import SensorModel
 from ergoqp.seeking.tries import Place
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.loop import check_numbers
@@ -115,13 +115,13 @@ class Simulated:
         Raises:
             InputError: if a name is unknown, or a value is not a number.
         """
-        self.terms(Senses())
+        self.terms(SensorModel())
         if self.follower not in KINDS:
             raise InputError(
                 f"--follower: got {self.follower!r}, allowed one of {', '.join(KINDS)}"
             )
 
-    def terms(self, senses: Senses) -> dict[str, Any]:
+    def terms(self, senses: SensorModel) -> dict[str, Any]:
         """Return the arguments of `simulate` for a person with such senses."""
         terms: dict[str, Any] = {}
         if self.robot is not None:
@@ -134,7 +134,7 @@ class Simulated:
         return terms
 
 
-@grouped(read=ReadOptions, simulated=Simulated)
+@grouped(read=RecordingOptions, simulated=Simulated)
 def command(
     name: ProblemName,
     recording: Annotated[
@@ -155,7 +155,7 @@ def command(
         float, typer.Option("--duration", metavar="SECONDS", help="Duration of the run.")
     ] = 20.0,
     *,
-    read: ReadOptions,
+    read: RecordingOptions,
     guide: GuideName = None,
     simulated: Simulated,
 ) -> None:
@@ -238,7 +238,7 @@ def _from_awkward_place(
     screen: Console,
     seed: int,
     duration: float,
-    read: ReadOptions,
+    read: RecordingOptions,
     guide: Guide | None,
     how: Simulated,
     places: list[Place] | None,

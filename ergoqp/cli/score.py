@@ -17,7 +17,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import ReadOptions, grouped, out_option
+from ergoqp.cli.options import RecordingOptions, grouped, out_option
 from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
@@ -70,7 +70,7 @@ class Side(StrEnum):
     both = "both"
 
 
-@grouped(read=ReadOptions)
+@grouped(read=RecordingOptions)
 def command(
     path: Annotated[
         Path,
@@ -128,7 +128,7 @@ def command(
         ),
     ] = None,
     *,
-    read: ReadOptions,
+    read: RecordingOptions,
 ) -> None:
     """Score a recording, print the table, and write its files and ``report.html``.
 

@@ -16,7 +16,7 @@ from ergoqp.arguments import Progress
 from ergoqp.comparison.derive import derived
 from ergoqp.comparison.record import RecordedQps, record, save_sequences
 from ergoqp.errors import InputError, MissingExtraError
-from ergoqp.files.atomic import whole, write_whole
+from ergoqp.files.atomic import whole, write_text_atomic
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session, solver_named
 from ergoqp.solvers.session import (
@@ -404,7 +404,7 @@ class Comparison:
         folder.mkdir(parents=True, exist_ok=True)
         save_sequences(self.sequences, folder / "sequences")
         path = folder / "compare.json"
-        write_whole(path, json.dumps(self.as_dict(), indent=1) + "\n")
+        write_text_atomic(path, json.dumps(self.as_dict(), indent=1) + "\n")
         picture = folder / "compare.png"
         # An old picture would be mistaken for that of this comparison.
         picture.unlink(missing_ok=True)

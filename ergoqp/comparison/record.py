@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ergoqp.coordinates import FOREARM
 from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError, ModelError
-from ergoqp.files.atomic import whole, write_whole
+from ergoqp.files.atomic import whole, write_text_atomic
 from ergoqp.files.read import read_npz
 from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
@@ -215,7 +215,7 @@ def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[
     folder.mkdir(parents=True, exist_ok=True)
     # As text: importing it needs qpbenchmark.
     test_set = Path(__file__).with_name("ergoqp_sequences.py")
-    write_whole(folder.parent / test_set.name, test_set.read_text(encoding="utf-8"))
+    write_text_atomic(folder.parent / test_set.name, test_set.read_text(encoding="utf-8"))
     paths = []
     for sequence in sequences:
         path = folder / f"{sequence.name}.npz"

@@ -22,7 +22,7 @@ from ergoqp.export.layout import (
     output_fields,
     python_fields,
 )
-from ergoqp.files.atomic import whole_folder
+from ergoqp.files.atomic import atomic_directory
 from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.native.compiled import (
@@ -167,7 +167,7 @@ def export_step(
     }
     if licence := _own_licence():
         texts["LICENSE"] = licence
-    with whole_folder(folder) as scratch:
+    with atomic_directory(folder) as scratch:
         for name, text in texts.items():
             (scratch / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).write_text(text, encoding="utf-8")

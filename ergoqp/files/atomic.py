@@ -47,7 +47,7 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
+def atomic_directory(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder near `folder`, to fill.
 
     Afterwards its contents are moved to `folder`, where they replace files of the same names.
@@ -102,10 +102,12 @@ def write_json(path: Path, values: Any, indent: int = 2) -> None:
         OSError: if the file cannot be written.
         ValueError: if a number is not finite.
     """
-    write_whole(path, json.dumps(values, indent=indent, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text_atomic(
+        path, json.dumps(values, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    )
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_text_atomic(path: Path, text: str) -> None:
     """Write a text file, see `whole`.
 
     Characters that UTF-8 cannot encode, for example in a file name, become question marks.

@@ -151,7 +151,7 @@ _DAY: Final = 86400.0
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class LoopLog:
     """Postures and poses over time.
 
     Attributes:
@@ -165,7 +165,7 @@ class Watched:
     poses: np.ndarray
 
 
-def watched(given: Any, frames: Frames | None = None) -> Watched | None:
+def watched(given: Any, frames: Frames | None = None) -> LoopLog | None:
     """Return the loop in what a user gives, None if it is not a loop.
 
     Args:
@@ -183,11 +183,11 @@ def watched(given: Any, frames: Frames | None = None) -> Watched | None:
         loop = _of_log(given)
         if frames is None or not frames.moved:
             return loop
-        return Watched(loop.time, loop.postures, frames.base @ loop.poses @ frames.flange)
+        return LoopLog(loop.time, loop.postures, frames.base @ loop.poses @ frames.flange)
     return None
 
 
-def rests_in(loop: Watched) -> list[Resting]:
+def rests_in(loop: LoopLog) -> list[Resting]:
     """Return the last rest of every stay of the object.
 
     Raises:
@@ -218,7 +218,7 @@ def rests_in(loop: Watched) -> list[Resting]:
     return found
 
 
-def _of_folder(folder: Path) -> Watched:
+def _of_folder(folder: Path) -> LoopLog:
     names = ("time", "postures", "poses")
     try:
         arrays = read_npz(folder / "run.npz", names)
@@ -229,7 +229,7 @@ def _of_folder(folder: Path) -> Watched:
     return _checked(f"the folder {folder}", *(arrays[name] for name in names))
 
 
-def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:
+def _of_log(log: Sequence[Mapping[str, Any]]) -> LoopLog:
     times, postures, poses, now = [], [], [], 0.0
     for number, entry in enumerate(log):
         where = f"entry {number} of the log"
@@ -264,7 +264,7 @@ def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:
     return _checked("the log", np.array(times), np.array(postures), np.array(poses))
 
 
-def _checked(what: str, time: Any, postures: Any, poses: Any) -> Watched:
+def _checked(what: str, time: Any, postures: Any, poses: Any) -> LoopLog:
     """Return a loop whose arrays are valid."""
     found = []
     shapes = ("time", time, ()), ("postures", postures, (len(JOINTS),)), ("poses", poses, (4, 4))
@@ -289,7 +289,7 @@ def _checked(what: str, time: Any, postures: Any, poses: Any) -> Watched:
     for number in range(len(poses)):
         if not _is_rigid(poses[number]):
             read_pose(f"rests: {what}, pose {number}", poses[number])
-    return Watched(time, postures, poses)
+    return LoopLog(time, postures, poses)
 
 
 def _is_rigid(pose: np.ndarray) -> bool:
@@ -327,7 +327,7 @@ _LEFT: Final = 0.7
 """It counts only if at most this share of the joints' motion is unexplained."""
 
 
-def delay_of(loop: Watched) -> float | None:
+def delay_of(loop: LoopLog) -> float | None:
     """Return the delay with which a person follows the object [s], None if it does not show.
 
     It is the delay for which the shifted motion of the object explains the motion of the joints

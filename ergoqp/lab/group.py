@@ -28,10 +28,10 @@ from ergoqp.files.atomic import whole, write_json
 from ergoqp.human import Body
 from ergoqp.lab.group_search import (
     AXES,
+    Equilibrium,
     GroupPerson,
     Objective,
     PlaceSearch,
-    RestAtPlace,
     SharedGrid,
     read_people,
     shared_grid,
@@ -39,7 +39,7 @@ from ergoqp.lab.group_search import (
 from ergoqp.lab.population import person_of
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.model_person import Alike
+from ergoqp.rest.model_person import ModelPerson
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +251,7 @@ _SHARES = (0.6, 0.85)  # share of the work that is done after the grid, and afte
 
 def best_for_group(
     problem: Problem,
-    people: Sequence[float | Alike | GroupPerson],
+    people: Sequence[float | ModelPerson | GroupPerson],
     objective: Objective = "minimax",
     *,
     spacing: float = SPACING,
@@ -355,7 +355,7 @@ def _from_starts(
     grid: SharedGrid,
     objective: Objective,
     points: Sequence[np.ndarray],
-) -> tuple[list[RestAtPlace], int]:
+) -> tuple[list[Equilibrium], int]:
     """Return the results of the search from every point, each followed by its start.
 
     The second value is the number of placements.
@@ -375,7 +375,7 @@ def _own_best(
     grid: SharedGrid,
     number: int,
     group_point: np.ndarray,
-) -> RestAtPlace:
+) -> Equilibrium:
     """Return one person's best place. The place of the group is one of the candidates."""
     search = PlaceSearch(problem, people[number : number + 1], grid.of(number), "mean")
     found = [search.at(group_point)]
@@ -418,8 +418,8 @@ def _members(
     problem: Problem,
     people: Sequence[GroupPerson],
     grid: SharedGrid,
-    rest: RestAtPlace,
-    own: Sequence[RestAtPlace],
+    rest: Equilibrium,
+    own: Sequence[Equilibrium],
     search: PlaceSearch,
 ) -> tuple[Member, ...]:
     assessment = problem.assess(rest.postures)
@@ -443,7 +443,7 @@ def _members(
     return tuple(members)
 
 
-def _free(search: PlaceSearch, best: RestAtPlace) -> dict[str, tuple[int, float]]:
+def _free(search: PlaceSearch, best: Equilibrium) -> dict[str, tuple[int, float]]:
     """Return the highest and the mean score for every axis that everybody could set themselves."""
     grid, objective = search.grid, search.objective
     found = {"none": (int(best.scores.max()), float(best.scores.mean()))}

@@ -26,10 +26,10 @@ from ergoqp.errors import InputError
 from ergoqp.lab.population import person_of, variant
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.parallel import in_order
-from ergoqp.placing.place import Placing
+from ergoqp.placing.place import PoseParametrization
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import outward, workspace_lines, workspace_map, workspace_poses
-from ergoqp.rest.model_person import Alike, sample_person
+from ergoqp.rest.model_person import ModelPerson, sample_person
 
 MOST = 200
 """Largest size of a group."""
@@ -54,7 +54,7 @@ class GroupPerson:
     """
 
     label: str
-    follower: Alike
+    follower: ModelPerson
 
     @property
     def stature(self) -> float:
@@ -63,7 +63,7 @@ class GroupPerson:
 
 
 def read_people(
-    problem: Problem, people: Sequence[float | Alike | GroupPerson]
+    problem: Problem, people: Sequence[float | ModelPerson | GroupPerson]
 ) -> tuple[GroupPerson, ...]:
     """Return the people of a group.
 
@@ -97,8 +97,8 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[GroupPers
     )
 
 
-def _person(problem: Problem, person: float | Alike | GroupPerson) -> GroupPerson:
-    if isinstance(person, Alike):
+def _person(problem: Problem, person: float | ModelPerson | GroupPerson) -> GroupPerson:
+    if isinstance(person, ModelPerson):
         person = GroupPerson(f"{person.response.body.stature:.2f} m", person)
     if not isinstance(person, GroupPerson):
         if isinstance(person, bool) or not isinstance(person, Real):
@@ -107,7 +107,8 @@ def _person(problem: Problem, person: float | Alike | GroupPerson) -> GroupPerso
                 " people"
             )
         return GroupPerson(
-            f"{float(person):.2f} m", Alike(person_of(variant(problem, stature=float(person))))
+            f"{float(person):.2f} m",
+            ModelPerson(person_of(variant(problem, stature=float(person)))),
         )
     model, own = person_of(problem), person.follower.response
     for term in ("hands", "stance", "seat_height", "tool"):
@@ -251,7 +252,7 @@ _NEEDED = {"workspace": WorkspaceBox, "tool_axis": AxisCone}
 
 
 def _of_person(
-    problem: Problem, person: Alike, spacing: float, cache: bool
+    problem: Problem, person: ModelPerson, spacing: float, cache: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return scores (n,) and postures (n, 32) in the order of the grid.
 
@@ -276,11 +277,11 @@ SEARCH_MOST = 150
 
 
 @dataclass(frozen=True)
-class RestAtPlace:
+class Equilibrium:
     """Everybody at rest at one place.
 
     Attributes:
-        point: the place, see `Placing`.
+        point: the place, see `PoseParametrization`.
         scores: exact scores (people,), 0 for a person who does not reach.
         costs: smooth costs (people,), inf for a person who does not reach.
         postures: rest postures (people, 32) [rad].
@@ -347,7 +348,7 @@ class PlaceSearch:
         """Prepare the data that every placement needs."""
         self.problem, self.grid = problem, grid
         self.objective: Objective = objective
-        self.placing = Placing.of(problem)
+        self.placing = PoseParametrization.of(problem)
         self.placements = 0
         self._features = _features(grid.poses)
         self._people = [person.follower for person in people]
@@ -376,7 +377,7 @@ class PlaceSearch:
                     break
         return [self.placing.point(poses[i]) for i in chosen]
 
-    def at(self, point: np.ndarray) -> RestAtPlace:
+    def at(self, point: np.ndarray) -> Equilibrium:
         """Return everybody at rest at a place, each from the nearest grid place in their reach."""
         self.placements += 1
         pose = self.placing.pose(point)
@@ -397,7 +398,7 @@ class PlaceSearch:
             reached.append(there)
         return self._rest(point, np.array(postures), np.array(reached))
 
-    def resettled_from_comfort(self, rest: RestAtPlace) -> RestAtPlace:
+    def resettled_from_comfort(self, rest: Equilibrium) -> Equilibrium:
         """Return the same place, with people settled again from comfort if that is worse.
 
         A rest posture can depend on the path to it. A place must be good for both paths.
@@ -410,14 +411,14 @@ class PlaceSearch:
             reached.append(there)
         other = self._rest(rest.point, np.array(postures), np.array(reached))
         worse = (other.scores > rest.scores) & (rest.scores > 0)
-        return RestAtPlace(
+        return Equilibrium(
             rest.point,
             np.where(worse, other.scores, rest.scores),
             np.where(worse, other.costs, rest.costs),
             np.where(worse[:, None], other.postures, rest.postures),
         )
 
-    def descend(self, start: np.ndarray) -> list[RestAtPlace]:
+    def descend(self, start: np.ndarray) -> list[Equilibrium]:
         """Return the best place of a search from a point, and the start itself.
 
         A step of the pattern changes one of the five numbers. It is accepted if it lowers the
@@ -453,7 +454,7 @@ class PlaceSearch:
                 scale /= 2
         return [best, first]
 
-    def line(self, point: np.ndarray, number: int, count: int = 9) -> list[RestAtPlace]:
+    def line(self, point: np.ndarray, number: int, count: int = 9) -> list[Equilibrium]:
         """Return everybody at rest at places along one of the five numbers from a point.
 
         The places are those where the object may be. The list is empty if the number is fixed.
@@ -471,15 +472,15 @@ class PlaceSearch:
             [0.5 * width / max(count - 1, 1) for width, count in zip(wide, places, strict=True)]
         )
 
-    def _merit(self, rest: RestAtPlace) -> float:
+    def _merit(self, rest: Equilibrium) -> float:
         return float(merit(rest.costs[:, None], self.objective)[0])
 
-    def _rest(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> RestAtPlace:
+    def _rest(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> Equilibrium:
         pose, own = self.placing.pose(point), self.problem.own_limits
         # A place that one of the user's own limits forbids counts as not reached.
         reached = reached & np.array([not own.broken(pose, posture) for posture in postures])
         scores = np.where(reached, self.problem.assess(postures).final, 0)
-        return RestAtPlace(
+        return Equilibrium(
             point, scores, np.where(reached, self.problem.cost(postures), np.inf), postures
         )
 

@@ -34,7 +34,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.lab.people.habits import BodyTasks, Work
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.native.compiled import compiled as machine_code
-from ergoqp.problem.geometry import Workspace, frame_of, pose_error, turn_between, turned
+from ergoqp.problem.geometry import Workspace, frame_of, pose_error, rotation_vector, turned
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.person import Holding
 from ergoqp.step.answer import Step
@@ -228,7 +228,7 @@ class Drive:
         roll = 0.0
         if free[3:].all():
             swung = turned(start[:3, :3], swing)
-            roll = float(turn_between(swung, goal[:3, :3]) @ goal[:3, 0])
+            roll = float(rotation_vector(swung, goal[:3, :3]) @ goal[:3, 0])
         swing = np.where(free[3:], swing, 0.0)
         most = np.concatenate([np.abs(shift), np.abs(swing) + abs(roll)])
         pace = _trapezoid(most, limit.speed, limit.acceleration, self.dt, problem.average)

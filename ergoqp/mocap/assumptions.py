@@ -155,7 +155,7 @@ _ROUNDED: Final = 1e-3  # s
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """Options for reading a recording; what is None is found from the recording.
 
     Attributes:
@@ -335,7 +335,7 @@ def straight_of(
     rest: Mapping[str, np.ndarray],
     axes: np.ndarray,
     time: np.ndarray,
-    reading: Reading,
+    reading: ReadOptions,
 ) -> Neutral | None:
     """Return the lean of the skeleton of a person who stands straight; None for no lean."""
     stated = reading.neutral

@@ -17,7 +17,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
-from ergoqp.mocap.assumptions import Reading as Reading
+from ergoqp.mocap.assumptions import ReadOptions as ReadOptions
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -32,7 +32,7 @@ from ergoqp.mocap.assumptions import (
 from ergoqp.mocap.fitting.axes import UPS, calibration_poses, check_sides, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.validity import smoothed
-from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, Asked, short
+from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
 from ergoqp.mocap.joints import joints_of
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
@@ -52,7 +52,7 @@ _FEW: Final = 20
 
 
 def recording_of(
-    motion: JointMotion, where: str, reading: Reading, progress: Progress = unseen
+    motion: JointMotion, where: str, reading: ReadOptions, progress: Progress = unseen
 ) -> Recording:
     """Return the postures that belong to the joints of a recording.
 
@@ -329,7 +329,7 @@ def load_recording(
         ((31, 32), True)
     """
     path = path_of("recording", path)
-    asked = Asked(_names("columns", columns), None if rate is None else _rate(rate))
+    asked = TableOptions(_names("columns", columns), None if rate is None else _rate(rate))
     reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     reading = replace(reading, subject=_name("subject", subject), thing=_name("thing", thing))
     progress = progress or unseen
@@ -386,7 +386,7 @@ def fit_postures(
     motion = JointMotion(listed, places, np.arange(len(places)) / hertz)
     if wrong := lacking(motion):
         raise InputError(f"fit_postures: got {wrong}, allowed names (m,) and positions (n, m, 3)")
-    reading = _reading(person, unit_to_m, up, mapping, neutral, None, Asked())
+    reading = _reading(person, unit_to_m, up, mapping, neutral, None, TableOptions())
     return recording_of(normalised(motion), "positions", reading)
 
 
@@ -397,8 +397,8 @@ def _reading(
     mapping: str | Path | None,
     neutral: float | str | Path | None,
     window: tuple[float, float] | None,
-    asked: Asked,
-) -> Reading:
+    asked: TableOptions,
+) -> ReadOptions:
     """Check the options before the file is read, and return them."""
     if unit_to_m is not None and not (
         isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0
@@ -409,7 +409,7 @@ def _reading(
     if window is not None:
         _check_window(window)
     body, shapes = (None, {}) if person is None else person_with_markers(person)
-    return Reading(
+    return ReadOptions(
         body=body,
         shapes=shapes,
         unit=unit_to_m,
@@ -469,7 +469,9 @@ def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _neutral(neutral: float | str | Path | None, asked: Asked) -> float | str | JointMotion | None:
+def _neutral(
+    neutral: float | str | Path | None, asked: TableOptions
+) -> float | str | JointMotion | None:
     """Return the checked argument; a path becomes the recording that was read from it."""
     if neutral is None or neutral == "vertical":
         return None if neutral is None else "vertical"

@@ -21,7 +21,7 @@ from ergoqp.mocap.formats.text import (
     FASTEST,
     LONGEST,
     SLOWEST,
-    Asked,
+    TableOptions,
     beginning,
     is_number,
 )
@@ -61,7 +61,7 @@ class Kind:
     endings: tuple[str, ...]
     reader: str
 
-    def read(self, path: Path, progress: Progress, asked: Asked) -> JointMotion:
+    def read(self, path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
         """Read a file of this format."""
         return _function(self.reader)(path, progress, asked)
 
@@ -357,7 +357,9 @@ Example:
 """
 
 
-def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = None) -> JointMotion:
+def read_motion(
+    path: Path, progress: Progress = unseen, asked: TableOptions | None = None
+) -> JointMotion:
     """Read a motion-capture file.
 
     A user's own reader reads the files with its ending. Otherwise the content decides.
@@ -378,7 +380,7 @@ def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = N
         own = _own_motion(path, ending[1:], own_term("reader", ending[1:]))
         return _noted(own, _unused(asked, None))
     kind = kind_of(path)
-    motion = _noted(kind.read(path, progress, asked or Asked()), _unused(asked, kind))
+    motion = _noted(kind.read(path, progress, asked or TableOptions()), _unused(asked, kind))
     # A bag may be a folder, and then has no ending.
     if ending not in kind.endings and not os.path.isdir(path):
         said = (
@@ -394,7 +396,7 @@ def _noted(motion: JointMotion, notes: list[str]) -> JointMotion:
     return replace(motion, notes=(*notes, *motion.notes)) if notes else motion
 
 
-def _unused(asked: Asked | None, kind: Kind | None) -> list[str]:
+def _unused(asked: TableOptions | None, kind: Kind | None) -> list[str]:
     """Return sentences about stated options that the format or a user's own reader ignores."""
     notes = []
     if asked and asked.columns and kind is not TABLE:

@@ -38,7 +38,7 @@ from ergoqp.placing.program import Program, Solution, check_names, smooth_cost
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.best_place import awkward_start
-from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, Alike, Start
+from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, Start
 from ergoqp.rest.person import read_posture
 
 FINAL_TAU_DEG: Final = 0.5
@@ -72,7 +72,7 @@ _SLACK = 1e-3  # allowed distance outside a learned boundary, beyond its toleran
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceTask:
+class OptimizationTask:
     """Everything that a start needs. It can be sent to another process.
 
     Attributes:
@@ -86,7 +86,7 @@ class PlaceTask:
     """
 
     problem: Problem
-    person: Alike
+    person: ModelPerson
     begin: Start
     mode: str
     solver: str
@@ -97,7 +97,7 @@ class PlaceTask:
 class StartSolver:
     """Solves the starts of one task. The program is built once."""
 
-    def __init__(self, task: PlaceTask) -> None:
+    def __init__(self, task: OptimizationTask) -> None:
         """Build the program.
 
         Raises:
@@ -243,7 +243,7 @@ def _since(begin: float) -> float:
     return time.perf_counter() - begin
 
 
-def begin_from(person: Alike, posture: np.ndarray, pose: ArrayLike | None) -> Start:
+def begin_from(person: ModelPerson, posture: np.ndarray, pose: ArrayLike | None) -> Start:
     """Return how a person holds an object at `pose` (4, 4). None: as the posture holds it.
 
     Raises:
@@ -268,7 +268,7 @@ def optimise(
     solver: str = "ipopt",
     *,
     pose: ArrayLike | None = None,
-    person: Alike | Body | None = None,
+    person: ModelPerson | Body | None = None,
     tau_deg: float = FINAL_TAU_DEG,
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
@@ -278,7 +278,7 @@ def optimise(
     The object leads and the person follows: they come to rest at the place
     (`ergoqp.placing.program`). The conditions of the rest make this one nonlinear program. It is
     solved from many places, with a smooth score that becomes narrower from stage to stage. At
-    the end of every start the person settles (`Alike.settle`), and the exact sheet gives the
+    the end of every start the person settles (`ModelPerson.settle`), and the exact sheet gives the
     score. The start with the lowest exact score wins. Of equal scores the lowest cost wins.
 
     Args:
@@ -335,7 +335,7 @@ def optimise(
     else:
         given, notes = read_posture(posture)
     begin = begin_from(follower, given, pose)
-    task = PlaceTask(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
+    task = OptimizationTask(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     Place.of(problem).anchor(problem, begin.pose)
     trials = _solve(task, int(starts), int(jobs), progress)
     best = _best(problem, trials)
@@ -361,20 +361,22 @@ def optimise(
     )
 
 
-def _follower(problem: Problem, person: Alike | Body | None) -> Alike:
+def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerson:
     response = problem.response
     if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
         kind = type(response).__name__
         raise InputError(
             f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's"
         )
-    if isinstance(person, Alike):
+    if isinstance(person, ModelPerson):
         return person
     check_kind("person", person, (Body, type(None)), "a person alike, a Body or None")
-    return Alike(response if person is None else replace(response, body=person))
+    return ModelPerson(response if person is None else replace(response, body=person))
 
 
-def _solve(task: PlaceTask, starts: int, jobs: int, progress: Progress | None) -> list[Trial]:
+def _solve(
+    task: OptimizationTask, starts: int, jobs: int, progress: Progress | None
+) -> list[Trial]:
     """Return the trials of all starts, in order."""
     found: Iterable[Trial]
     if jobs > 1:

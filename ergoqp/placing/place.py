@@ -15,11 +15,11 @@ from ergoqp.placing.parallel import in_order
 from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import outward, settle_in_order
-from ergoqp.rest.model_person import Alike, Start
+from ergoqp.rest.model_person import ModelPerson, Start
 
 
 @dataclass(frozen=True)
-class Placing:
+class PoseParametrization:
     """Poses of the object as five numbers: x, y, z [m], then two turns [rad].
 
     The turns are about the y and z axes of the cone's middle frame.
@@ -37,7 +37,7 @@ class Placing:
     half_angle: float
 
     @classmethod
-    def of(cls, problem: Problem) -> Placing:
+    def of(cls, problem: Problem) -> PoseParametrization:
         """Return the placing for the workspace, tool axis and movable axes of a problem."""
         box, cone, axes = (
             problem.limit_of(WorkspaceBox),
@@ -240,7 +240,7 @@ class Slice:
     """Scores over two coordinates of the object's place. The others are as at the place itself.
 
     Attributes:
-        across: number of the horizontal coordinate of `ergoqp.placing.place.Placing`:
+        across: number of the horizontal coordinate of `ergoqp.placing.place.PoseParametrization`:
             x, y, z [m], two turns [rad].
         up: number of the vertical coordinate.
         horizontal: values of the horizontal coordinate (h,).
@@ -260,7 +260,7 @@ class Slice:
 
 def slices_through(
     problem: Problem,
-    people: Sequence[Alike],
+    people: Sequence[ModelPerson],
     pose: np.ndarray,
     *,
     starts: Sequence[Start] | None = None,
@@ -280,7 +280,7 @@ def slices_through(
         spacing: distance of neighbouring places [m].
         jobs: number of processes.
     """
-    placing = Placing.of(problem)
+    placing = PoseParametrization.of(problem)
     exact = placing.point(pose)
     # An optimum is often at an end of the workspace, up to the tolerance of its solver.
     point = np.clip(exact, placing.lower, placing.upper)
@@ -318,14 +318,16 @@ def slices_through(
     return slices
 
 
-def _values(placing: Placing, number: int, spacing: float) -> np.ndarray:
+def _values(placing: PoseParametrization, number: int, spacing: float) -> np.ndarray:
     low, high = placing.lower[number], placing.upper[number]
     return np.linspace(
         low, high, max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS
     )
 
 
-def _scores(problem: Problem, person: Alike, poses: np.ndarray, start: Start | None) -> np.ndarray:
+def _scores(
+    problem: Problem, person: ModelPerson, poses: np.ndarray, start: Start | None
+) -> np.ndarray:
     order = outward(person, poses, None if start is None else start.pose)
     postures, reached = settle_in_order(person, poses[order], start)
     scores = np.zeros(len(poses), dtype=int)

@@ -11,7 +11,7 @@ A person who holds an object comes to rest at
 
 with c the comfort posture, B the weight of balance, a that of looking, r the residual between
 eyes and work, and e the residual between grips and object, without the rotation about a free
-tool. This is the fixed point of `ergoqp.rest.model_person.Alike.settle`. With the
+tool. This is the fixed point of `ergoqp.rest.model_person.ModelPerson.settle`. With the
 damping d the hands yield by less than a millimetre. With the multipliers y = e/d^2 of the
 hands and m of the soles the conditions are
 

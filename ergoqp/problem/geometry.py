@@ -93,7 +93,7 @@ LONGEST_TURN = 0.16
 """Longest part of a path [m], [rad]."""
 
 
-def turn_between(have: np.ndarray, want: np.ndarray) -> np.ndarray:
+def rotation_vector(have: np.ndarray, want: np.ndarray) -> np.ndarray:
     """Return the world-aligned turn (3,) [rad] that leads from one rotation (3, 3) to another."""
     quaternion, turn = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quaternion, (want @ have.T).ravel())
@@ -113,7 +113,7 @@ def pose_error(have: np.ndarray, want: np.ndarray) -> np.ndarray:
     """Return the world-aligned motion (6,) [m, rad] that leads from one pose (4, 4) to another."""
     way = np.empty(6)
     way[:3] = want[:3, 3] - have[:3, 3]
-    way[3:] = turn_between(have[:3, :3], want[:3, :3])
+    way[3:] = rotation_vector(have[:3, :3], want[:3, :3])
     return way
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ergoqp.lab.group import GroupOptimum, Member
 from ergoqp.lab.group_search import GroupPerson
-from ergoqp.placing.place import Placing, Slice, slices_through
+from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import Standing, lineup
@@ -166,7 +166,7 @@ def _maps(
     found: GroupOptimum, problem: Problem, people: tuple[GroupPerson, ...], jobs: int
 ) -> list[Section]:
     slices = slices_through(problem, [person.follower for person in people], found.pose, jobs=jobs)
-    place = [Spot(Placing.of(problem).point(found.pose))]
+    place = [Spot(PoseParametrization.of(problem).point(found.pose))]
     sections = []
     for title, take, intro in (
         ("Map of the highest score", np.max, _HIGHEST),

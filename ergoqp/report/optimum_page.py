@@ -16,13 +16,13 @@ import numpy as np
 
 from ergoqp.placing.optimise import begin_from
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.place import Placing, Slice, slices_through
+from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
 from ergoqp.report.charts.strips import AXES, COLOURS, Spot, score_map, segments_chart
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, plain, write_page
-from ergoqp.rest.model_person import Alike
+from ergoqp.rest.model_person import ModelPerson
 from ergoqp.simulation.description import options_of
 
 
@@ -53,7 +53,7 @@ def place_words(pose: np.ndarray) -> str:
 
 def tilt_words(problem: Problem, pose: np.ndarray) -> str:
     """Return the tilt of a pose from the middle of the tool's cone [deg] in words."""
-    turns = Placing.of(problem).point(pose)[3:]
+    turns = PoseParametrization.of(problem).point(pose)[3:]
     up, left = (AXES[3 + i][1] * turns[i] for i in (0, 1))
     return (
         f"{abs(up):.0f} deg {'up' if up >= 0 else 'down'}, {abs(left):.0f} deg to the"
@@ -116,7 +116,7 @@ def write_optimum_page(
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    follower, stature = Alike(optimum.response), optimum.response.body.stature
+    follower, stature = ModelPerson(optimum.response), optimum.response.body.stature
     before, after = (_segments(problem, q) for q in (optimum.posture_before, optimum.posture))
     page = Page(
         title=f"Best place: {optimum.title}",
@@ -170,7 +170,7 @@ def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
 
 
 def _figure(
-    follower: Alike,
+    follower: ModelPerson,
     posture: np.ndarray,
     segments: dict[str, int],
     pose: np.ndarray,
@@ -200,11 +200,11 @@ def _facts(optimum: Optimum) -> list[tuple[str, str]]:
     return facts
 
 
-def _map(optimum: Optimum, problem: Problem, follower: Alike, jobs: int) -> Section:
+def _map(optimum: Optimum, problem: Problem, follower: ModelPerson, jobs: int) -> Section:
     held = begin_from(follower, optimum.posture_before, optimum.pose_before)
     start = replace(held, posture=optimum.posture, pose=optimum.pose)
     slices = slices_through(problem, [follower], optimum.pose, starts=[start], jobs=jobs)
-    placing = Placing.of(problem)
+    placing = PoseParametrization.of(problem)
     spots = [
         Spot(placing.point(optimum.pose_before), "before", "spot other"),
         Spot(placing.point(optimum.pose), "best"),

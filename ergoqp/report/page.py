@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ergoqp._version import __version__
 from ergoqp.errors import MissingExtraError
-from ergoqp.files.atomic import write_whole
+from ergoqp.files.atomic import write_text_atomic
 from ergoqp.report import palette
 from ergoqp.report.charts.axes import NARROW, WIDTH
 from ergoqp.sheets.assessment import Assessment, assess_rows, read_postures
@@ -151,7 +151,7 @@ def write_page(page: Page, path: Path) -> None:
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    write_whole(path, render(page))
+    write_text_atomic(path, render(page))
 
 
 def render(page: Page) -> str:

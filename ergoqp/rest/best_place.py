@@ -17,7 +17,7 @@ from ergoqp.files.cache import CacheEntry, digest_of
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import PLACES, Problem, no_start
-from ergoqp.rest.model_person import Alike, Start
+from ergoqp.rest.model_person import ModelPerson, Start
 from ergoqp.rest.person import Person
 
 SPACING = 0.10
@@ -48,7 +48,7 @@ class Map:
 
 
 def workspace_map(
-    problem: Problem, person: Alike, *, spacing: float = SPACING, cache: bool = True
+    problem: Problem, person: ModelPerson, *, spacing: float = SPACING, cache: bool = True
 ) -> Map:
     """Return the map of a person, from the cache if the same one was computed before.
 
@@ -76,7 +76,7 @@ def _allowed(problem: Problem, found: Map) -> Map:
     return replace(found, scores=np.where(broken, 0, found.scores))
 
 
-def _compute(problem: Problem, person: Alike, spacing: float) -> Map:
+def _compute(problem: Problem, person: ModelPerson, spacing: float) -> Map:
     poses = workspace_poses(problem, spacing)
     poses = poses[outward(person, poses)]
     postures, reached = settle_in_order(person, poses)
@@ -87,7 +87,7 @@ def _compute(problem: Problem, person: Alike, spacing: float) -> Map:
 
 
 def settle_in_order(
-    person: Alike, poses: np.ndarray, start: Start | None = None
+    person: ModelPerson, poses: np.ndarray, start: Start | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,).
 
@@ -108,7 +108,7 @@ def settle_in_order(
     return postures, reached
 
 
-def outward(person: Alike, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
+def outward(person: ModelPerson, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
     """Return the order (n,) in which poses (n, 4, 4) are settled: outward from `home`.
 
     If `home` is None, it is the pose at which the comfort posture holds the object.
@@ -157,7 +157,7 @@ def tilted_frames(
 
 
 def draw_starts(
-    problem: Problem, person: Alike, count: int, seed: int, at_least: int, tries: int = 2000
+    problem: Problem, person: ModelPerson, count: int, seed: int, at_least: int, tries: int = 2000
 ) -> list[Start]:
     """Return starts at rest in random reachable workspace places that score at least `at_least`.
 
@@ -193,12 +193,12 @@ def draw_starts(
     return starts
 
 
-def _grips(person: Alike, posture: np.ndarray) -> np.ndarray:
+def _grips(person: ModelPerson, posture: np.ndarray) -> np.ndarray:
     contact = person.contact(posture)[0]
     return np.stack([contact @ grip for grip in person.grasp(posture)])
 
 
-def _key(problem: Problem, person: Alike, spacing: float) -> str:
+def _key(problem: Problem, person: ModelPerson, spacing: float) -> str:
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     response = person.response
     content = {

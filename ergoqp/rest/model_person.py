@@ -19,7 +19,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.responses.following import LEG_JOINTS, TOOL_AXES, move_sole, with_bent_knees
 from ergoqp.responses.holding import soles_of
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import Holding, Person, Senses
+from ergoqp.rest.person import Holding, Person, SensorModel
 
 N = len(JOINTS)
 REACHED = 0.02
@@ -220,7 +220,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Alike(ReachAndRelax, Person):
+class ModelPerson(ReachAndRelax, Person):
     """A person like the controller's model, but with other numbers.
 
     Attributes:
@@ -246,12 +246,12 @@ class Alike(ReachAndRelax, Person):
         return self.response.footing
 
     def hold(
-        self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0
+        self, posture: np.ndarray, senses: SensorModel | None = None, seed: int = 0
     ) -> AlikeHolding:
         """Return the person holding the object in a posture (32,) [rad]. The seed has no effect."""
         return self.holding(self.start_at(posture), senses)
 
-    def holding(self, start: Start, senses: Senses | None = None) -> AlikeHolding:
+    def holding(self, start: Start, senses: SensorModel | None = None) -> AlikeHolding:
         """Return the person holding the object as at a start."""
         return AlikeHolding(self, start, senses or self.senses)
 
@@ -264,7 +264,7 @@ class Alike(ReachAndRelax, Person):
         return self.settle(self.comfort, pose, self.grasp(self.comfort), self.stand(self.comfort))
 
 
-def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Alike:
+def sample_person(problem: Problem, seed: int, body: Body | None = None) -> ModelPerson:
     """Return a person of the kind `alike` for a problem. The same seed gives the same person.
 
     The joint weights are multiplied by log-uniform factors of 0.5 to 2. The stature is within
@@ -296,7 +296,7 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Alik
     factors = np.exp(rng.uniform(np.log(0.5), np.log(2.0), len(JOINTS)))
     stature = response.body.stature + rng.uniform(-0.10, 0.10)
     weights = dict(zip(JOINTS, (response.weight_vector * factors).tolist(), strict=True))
-    return Alike(replace(response, body=body or Body.of_stature(stature), weights=weights))
+    return ModelPerson(replace(response, body=body or Body.of_stature(stature), weights=weights))
 
 
 class AlikeHolding(Holding):
@@ -308,14 +308,14 @@ class AlikeHolding(Holding):
         senses: the delay of the person.
     """
 
-    def __init__(self, person: Alike, start: Start, senses: Senses) -> None:
+    def __init__(self, person: ModelPerson, start: Start, senses: SensorModel) -> None:
         """Start to hold the object as in `start`."""
         self._person, self.start, self.senses = person, start, senses
         self._posture, self.pose = start.posture.copy(), start.pose.copy()
         self._late: deque[np.ndarray] = deque()
 
     @property
-    def person(self) -> Alike:
+    def person(self) -> ModelPerson:
         """The person."""
         return self._person
 

@@ -25,11 +25,11 @@ _ENDS: Final = {
     "drift_time": (1e-3, 3600.0),
     "lost": (0.0, 1.0),
 }
-"""Least and greatest value of each number of `Senses`."""
+"""Least and greatest value of each number of `SensorModel`."""
 
 
 @dataclass(frozen=True)
-class Senses:
+class SensorModel:
     """The sensors and delays between a person and the controller.
 
     Attributes:
@@ -45,8 +45,8 @@ class Senses:
         InputError: if a value has the wrong type or is out of range, or a joint is unknown.
 
     Example:
-        >>> from ergoqp.rest.person import Senses
-        >>> senses = Senses(delay=0.2, bias_deg={"right_knee_flexion": 5.0})
+        >>> from ergoqp.rest.person import SensorModel
+        >>> senses = SensorModel(delay=0.2, bias_deg={"right_knee_flexion": 5.0})
         >>> float(senses.bias.max().round(4))
         0.0873
     """
@@ -80,7 +80,7 @@ class Senses:
 
 
 def frames(
-    senses: Senses, dt: float, rng: np.random.Generator
+    senses: SensorModel, dt: float, rng: np.random.Generator
 ) -> Iterator[tuple[np.ndarray, bool]]:
     """Yield, for every period, (measurement error (32,) [rad], whether the frame arrives)."""
     count, bias, noise = len(JOINTS), senses.bias, np.radians(senses.noise_deg)
@@ -93,9 +93,9 @@ def frames(
         yield error, bool(rng.random() >= senses.lost)
 
 
-def draw_senses(rng: np.random.Generator) -> Senses:
+def draw_senses(rng: np.random.Generator) -> SensorModel:
     """Return random senses, with a delay of 0 to 300 ms."""
-    return Senses(
+    return SensorModel(
         delay=float(rng.uniform(0.0, 0.3)),
         hand_time=float(rng.uniform(0.04, 0.12)),
         noise_deg=2.0,
@@ -134,7 +134,7 @@ class Holding(ABC):
     """
 
     pose: np.ndarray
-    senses: Senses
+    senses: SensorModel
     gap: float = 0.0
     force: np.ndarray = np.full(6, np.nan)
     slipped: int = 0
@@ -239,9 +239,9 @@ class Person(ABC):
         """What supports the person, as a clause for people."""
 
     @property
-    def senses(self) -> Senses:
+    def senses(self) -> SensorModel:
         """Sensors between the person and the controller."""
-        return Senses()
+        return SensorModel()
 
     @property
     def robot(self) -> DeclaredRobot | None:
@@ -252,7 +252,9 @@ class Person(ABC):
         return None
 
     @abstractmethod
-    def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
+    def hold(
+        self, posture: np.ndarray, senses: SensorModel | None = None, seed: int = 0
+    ) -> Holding:
         """Return the person holding the object in a posture (32,) [rad].
 
         The origin of the world is on the floor, midway between the soles (standing) or below
@@ -264,7 +266,7 @@ class Person(ABC):
             seed: seed of what the person does at random.
         """
 
-    def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
+    def at(self, pose: np.ndarray, senses: SensorModel | None = None, seed: int = 0) -> Holding:
         """Return the person at rest with the object at `pose` (4, 4), or as near as they reach.
 
         Args:

@@ -2,4 +2,4 @@
 
 from ergoqp.seeking.seeker import Seeker as Seeker
 from ergoqp.seeking.tries import Place as Place
-from ergoqp.seeking.tries import Seeking as Seeking
+from ergoqp.seeking.tries import SeekOptions as SeekOptions

@@ -21,13 +21,13 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identifier
 from ergoqp.identification.loops import Resting, RestWatch
-from ergoqp.identification.promising import Promise, Promising
+from ergoqp.identification.promising import Candidate, CandidateSearch
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.seeking.tries import Place, Seeking, Tries, Try
+from ergoqp.seeking.tries import Place, SearchState, SeekOptions, Try
 from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.model import stand_in
 from ergoqp.step.rest import BACK, LOOK, THERE
@@ -57,7 +57,7 @@ def a_place(problem: Problem) -> np.ndarray:
     return Workspace(problem).pose(np.zeros(5))
 
 
-class Thought:
+class BackgroundIdentification:
     """Identification of the person and search for places, one at a time.
 
     Args:
@@ -70,9 +70,9 @@ class Thought:
 
     def __init__(self, problem: Problem, noise_deg: float) -> None:
         """Build the models."""
-        self._identifier, self._promising = Identifier(problem), Promising(problem, noise_deg)
+        self._identifier, self._promising = Identifier(problem), CandidateSearch(problem, noise_deg)
         self._aside: ThreadPoolExecutor | None = None
-        self._future: Future[list[Promise]] = Future()
+        self._future: Future[list[Candidate]] = Future()
         self._future.set_result([])
         self.note = ""
 
@@ -92,11 +92,11 @@ class Thought:
         """Whether the run is finished."""
         return self._future.done()
 
-    def promises(self) -> list[Promise]:
+    def promises(self) -> list[Candidate]:
         """Return what places promise, the most promising first; empty if there is no result."""
         return self._future.result()
 
-    def _think(self, rests: list[Resting], best: float, longest: float) -> list[Promise]:
+    def _think(self, rests: list[Resting], best: float, longest: float) -> list[Candidate]:
         # Whatever goes wrong here, the loop goes on with its measurements.
         try:
             self.note = ""
@@ -145,7 +145,7 @@ class Seeker:
     Args:
         problem: the task; it must move an object that a person holds.
         places: places to try after descent, the most promising first: `Place`, or an `Optimum`.
-        how: how many places, and for how long. None: the defaults of `Seeking`.
+        how: how many places, and for how long. None: the defaults of `SeekOptions`.
         thinks: whether the person is identified from the rests, and places are tried that promise
             to be better for them (`ergoqp.identify`).
         patient: whether the loop waits for this identification, as a simulation may. False: it runs
@@ -171,7 +171,7 @@ class Seeker:
         self,
         problem: Problem,
         places: Sequence[Any] = (),
-        how: Seeking | None = None,
+        how: SeekOptions | None = None,
         *,
         thinks: bool = True,
         patient: bool = False,
@@ -186,7 +186,7 @@ class Seeker:
             )
         if "guide" in terms:
             raise InputError("guide: got one, allowed only as one of the places to be tried")
-        check_kind("how", how, (Seeking, type(None)), "Seeking or None")
+        check_kind("how", how, (SeekOptions, type(None)), "Seeking or None")
         known = [_read_place(problem, place) for place in as_tuple("places", places)]
         thinks = thinks and can_think(problem)
         # A stepper can change its guide only if it is made with one.
@@ -196,9 +196,9 @@ class Seeker:
         self._guided, self._patient = bool(first), patient
         self.problem = self.stepper.problem
         self._score = SmoothReba((NOISE_DEG,), (1.0,), problem.method, **problem.task)
-        self._thought = Thought(problem, NOISE_DEG) if thinks else None
+        self._thought = BackgroundIdentification(problem, NOISE_DEG) if thinks else None
         floor = self.score(np.zeros(len(JOINTS)))
-        self._tries = Tries(known, how or Seeking(), floor, self._thought is not None)
+        self._tries = SearchState(known, how or SeekOptions(), floor, self._thought is not None)
         self._watch = RestWatch()
         self._rests: list[Resting] = []
         self.reset()

@@ -11,7 +11,7 @@ import numpy as np
 from ergoqp.arguments import check_number, check_text, check_whole
 from ergoqp.expressions import read_pose
 from ergoqp.identification.loops import Resting
-from ergoqp.identification.promising import Promise
+from ergoqp.identification.promising import Candidate
 
 THEIRS: Final = "this person's best"
 """Name of places that promise to be better for the identified person."""
@@ -30,7 +30,7 @@ _AGAIN: Final = 3
 
 
 @dataclass(frozen=True)
-class Seeking:
+class SeekOptions:
     """How places are tried.
 
     Attributes:
@@ -54,9 +54,9 @@ class Seeking:
 
     Example:
         >>> import ergoqp
-        >>> from ergoqp.seeking import Seeking
+        >>> from ergoqp.seeking import SeekOptions
         >>> problem = ergoqp.load_problem("screwing")
-        >>> seeker = ergoqp.Seeker(problem, how=Seeking(tries=3, longest=30.0), thinks=False)
+        >>> seeker = ergoqp.Seeker(problem, how=SeekOptions(tries=3, longest=30.0), thinks=False)
         >>> seeker.seeks
         True
     """
@@ -139,7 +139,7 @@ class Try:
     note: str
 
 
-class Tries:
+class SearchState:
     """The record of a loop that tries places, and its next move.
 
     Args:
@@ -159,7 +159,7 @@ class Tries:
     """
 
     def __init__(
-        self, places: Sequence[Place], how: Seeking, floor: float, thinks: bool = False
+        self, places: Sequence[Place], how: SeekOptions, floor: float, thinks: bool = False
     ) -> None:
         """Begin with descent."""
         self.how, self.floor, self._places, self._thinks = how, floor, list(places), thinks
@@ -222,7 +222,7 @@ class Tries:
                 self._in_vain.append(self.going.pose)
         return self._next(self._noted(rest.time, rest.pose, score, note))
 
-    def suggested(self, now: float, promises: Sequence[Promise]) -> Place | None:
+    def suggested(self, now: float, promises: Sequence[Candidate]) -> Place | None:
         """Return the next place to go to, one that promises most; None to stay."""
         self.thinking, self._since, self._arrived = False, now, now
         for promise in promises:

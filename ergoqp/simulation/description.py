@@ -10,7 +10,7 @@ from ergoqp.joints import spoken
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import Person, Senses
+from ergoqp.rest.person import Person, SensorModel
 from ergoqp.sheets.reba import Method
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.guide import Guide
@@ -22,7 +22,7 @@ _MANY = 6
 def about_person(
     model: IkResponse,
     person: Person,
-    senses: Senses,
+    senses: SensorModel,
     unobserved: tuple[str, ...],
     place: Guide | None,
 ) -> list[str]:

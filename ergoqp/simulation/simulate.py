@@ -16,7 +16,14 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import Holding, Person, Senses, read_observed, read_posture, stood_otherwise
+from ergoqp.rest.person import (
+    Holding,
+    Person,
+    SensorModel,
+    read_observed,
+    read_posture,
+    stood_otherwise,
+)
 from ergoqp.seeking.seeker import Seeker
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.description import about_person, about_robot, options_of
@@ -53,7 +60,7 @@ def simulate(
     guide: Any = None,
     seek: Sequence[Any] | None = None,
     robot: RobotKind | None = None,
-    senses: Senses | None = None,
+    senses: SensorModel | None = None,
 ) -> Run:
     """Run a closed loop of a problem with a simulated person unlike the controller's model.
 
@@ -104,7 +111,7 @@ def simulate(
         ("person", person, (Person, Body, none), "a Person, a Body or None"),
         ("follower", follower, (str, none), f"one of {', '.join(KINDS)}, or None"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
-        ("senses", senses, (Senses, none), "Senses or None"),
+        ("senses", senses, (SensorModel, none), "Senses or None"),
         ("recording", recording, (str, Path, none), "the name of a recording or None"),
     ):
         check_kind(what, value, kind, allowed)

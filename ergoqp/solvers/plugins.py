@@ -10,7 +10,7 @@ import casadi as ca
 
 from ergoqp.expressions import Evaluator
 from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver, unheard
+from ergoqp.solvers.solver import QpSolver, suppress_stdout
 
 _INPUTS: Final = ("h", "g", "a", "lba", "uba", "lbx", "ubx")
 _OUTPUTS: Final = ("x", "lam_a", "lam_x")
@@ -84,7 +84,7 @@ class _PluginWorkspace:
         self._new = True
 
     def _quiet(self) -> AbstractContextManager[None]:
-        return unheard() if self._solver.loud else nullcontext()
+        return suppress_stdout() if self._solver.loud else nullcontext()
 
 
 def _flag(stats: dict[str, Any]) -> str:

@@ -317,7 +317,7 @@ class _Sieve:
 
 
 @contextmanager
-def unheard() -> Iterator[None]:
+def suppress_stdout() -> Iterator[None]:
     """Drop what this thread writes to `sys.stdout`; must not be nested.
 
     CasADi prints the messages of its plugins there. The stream is replaced only while a thread uses

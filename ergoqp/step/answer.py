@@ -11,7 +11,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import by_name, dense, is_set, largest
+from ergoqp.expressions import call_by_name, dense, is_set, largest
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.limits import Limit, Situation
 from ergoqp.problem.problem import Problem
@@ -473,7 +473,7 @@ def account_function(model: StepModel) -> ca.Function:
     held = now[movable, 0] >= -tolerance[movable, 0]
     used = largest(soft[movable, 0] * known["slack"] * held) > 10 * TOLERANCE
     given = known | {"used": used, "any_outside": largest(known["outside"])}
-    found = by_name(_close_function(model), given)
+    found = call_by_name(_close_function(model), given)
     twist = found["twist"]
     rate = _model_rate(limits, model.situation(known, known["S"]), known["S"] @ twist, known["dt"])
     slack, multipliers = (_spread(known[name], movable, count) for name in ("slack", "multipliers"))

@@ -9,7 +9,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import by_name, dense, is_set, largest, smallest
+from ergoqp.expressions import call_by_name, dense, is_set, largest, smallest
 from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import on_surface
@@ -83,7 +83,7 @@ def judge_function(model: StepModel) -> ca.Function:
         )
         away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
     outside = ca.logic_and(away, _moves(problem, margins))
-    found = by_name(_decide_function(model), known | {"must_move": largest(outside)})
+    found = call_by_name(_decide_function(model), known | {"must_move": largest(outside)})
     ways = found.pop("ways")
     ahead = margins.ahead(ways)
     found |= {"now": now, "ahead": ahead, "outside": outside}

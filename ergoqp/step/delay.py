@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Shape, by_name, dense, shifted, vectors, written_out
+from ergoqp.expressions import Shape, call_by_name, dense, shifted, vectors, written_out
 from ergoqp.limits import Limit, Situation
 from ergoqp.step.layout import ASTRAY, LONGEST_DT, SHORTEST_DT, count, remaining_seconds, split
 from ergoqp.step.model import StepModel
@@ -119,7 +119,7 @@ def _holds_all(model: StepModel, ages: ca.SX, dt: ca.SX) -> ca.SX:
 
 
 @dataclass(frozen=True)
-class UnderWay:
+class PendingMotion:
     """The motion of the object from its measured pose to the landing pose.
 
     The object comes to rest there if the planned twist is zero from now on.
@@ -191,7 +191,7 @@ class UnderWay:
         return {name: part for name, part in vars(self).items() if part is not None}
 
 
-def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
+def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> PendingMotion:
     """Return the motion under way at the start of a period.
 
     Args:
@@ -205,13 +205,13 @@ def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vector
     parts = _under_way(model, split(sizes, symbols[0]), symbols[1]).parts
     outputs = [ca.densify(part) for part in parts.values()]
     found = written_out(shape(ca.Function("under_way", symbols, outputs)), history, dt)
-    every: dict[str, Any] = dict.fromkeys(UnderWay.__dataclass_fields__)
-    return UnderWay(**{**every, **dict(zip(parts, found, strict=True))})
+    every: dict[str, Any] = dict.fromkeys(PendingMotion.__dataclass_fields__)
+    return PendingMotion(**{**every, **dict(zip(parts, found, strict=True))})
 
 
-def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
+def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> PendingMotion:
     W, robot, lag = model.problem.average, model.problem.robot, model.problem.robot.lag
-    by_ages = by_name(weights_function(model), {**part, "dt": dt})
+    by_ages = call_by_name(weights_function(model), {**part, "dt": dt})
     of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
     pieces, seconds = [], []
     begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
@@ -239,7 +239,7 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
             ca.fmin(slowest, -part["swift"][:, 1]),
         )
     stretch = 1 + robot.gain_error
-    return UnderWay(
+    return PendingMotion(
         total=total,
         twists=ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
         seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
@@ -279,7 +279,12 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
 
 
 def next_history(
-    model: StepModel, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX
+    model: StepModel,
+    history: ca.MX,
+    found: PendingMotion,
+    planned: ca.MX,
+    sent: ca.MX,
+    still: ca.MX,
 ) -> list[ca.MX]:
     """Return the history after a period, as pieces to be stacked.
 
@@ -315,7 +320,7 @@ def next_history(
 
 
 def landing(
-    model: StepModel, found: UnderWay, known: Mapping[str, ca.MX], shape: Shape = vectors
+    model: StepModel, found: PendingMotion, known: Mapping[str, ca.MX], shape: Shape = vectors
 ) -> dict[str, ca.MX]:
     """Return ``landed`` (4, 4), the landing pose, and ``way``: see `WayLayout`.
 
@@ -343,7 +348,7 @@ def landing(
     outputs = _counted(model, at, symbols)
     inputs, names = [at, *symbols.values()], ["pose", *symbols]
     function = ca.Function("way", inputs, outputs, names, ["landed", "way"])
-    return by_name(shape(function), {**known, **given}, written=True)
+    return call_by_name(shape(function), {**known, **given}, written=True)
 
 
 _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn")

@@ -27,7 +27,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Shape, by_name, dense, is_set, largest, turned
+from ergoqp.expressions import Shape, call_by_name, dense, is_set, largest, turned
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.causes import Cause, Fault, fault_of
@@ -169,15 +169,15 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
-    unheard = ca.SX(6, 1)
+    suppress_stdout = ca.SX(6, 1)
     if "held" in now:
         # The motion during a late call was not reported.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
-        unheard = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        suppress_stdout = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(
         drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
     )
-    by_twist = length((late - slack - unheard) / (_EARLY * unit))
+    by_twist = length((late - slack - suppress_stdout) / (_EARLY * unit))
     if problem.robot.owes:
         # The sent twists give only the largest possible speed of a late robot.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
@@ -320,7 +320,7 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
         shape: how functions are written, see `ergoqp.expressions`.
     """
     compare, explain = shape(_compared(model)), explained_function(model)
-    found = by_name(compare, known)
+    found = call_by_name(compare, known)
     # Without a reported twist or a fault there is nothing to explain.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))

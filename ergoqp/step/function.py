@@ -29,7 +29,7 @@ from ergoqp.arguments import check_kind, flag, of_package, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import (
     Shape,
-    by_name,
+    call_by_name,
     dense,
     exp_rotation,
     is_rigid,
@@ -44,7 +44,7 @@ from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import judge_function, shortened
-from ergoqp.step.delay import UnderWay, landing, next_history, under_way
+from ergoqp.step.delay import PendingMotion, landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide, pull_function
@@ -53,7 +53,7 @@ from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
 from ergoqp.step.qp import amiss, away_function, solve_passes
 from ergoqp.step.rest import stalled
-from ergoqp.step.rows import asked_update, still_asks
+from ergoqp.step.rows import recovery_allowed, update_recovery_timer
 
 
 def initial_state(problem: Problem, twist: Any = None, *, guided: bool = False) -> np.ndarray:
@@ -199,7 +199,7 @@ OUTPUTS: Final = (
 
 
 def read_inputs(
-    model: StepModel, given: Mapping[str, ca.MX], found: UnderWay, shape: Shape
+    model: StepModel, given: Mapping[str, ca.MX], found: PendingMotion, shape: Shape
 ) -> dict[str, ca.MX]:
     """Check every input, and replace unusable ones by what was known before.
 
@@ -226,7 +226,7 @@ def read_inputs(
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
     known = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
-    read = by_name(shape(_read_function(model)), known, written=True)
+    read = call_by_name(shape(_read_function(model)), known, written=True)
     pose = _pose(model, given, read["measured"], read["moved"], posture)
     known |= read | {"posture": posture, "pose": pose}
     if not of_package(model.problem.response):
@@ -440,7 +440,7 @@ def build_step(
     known.setdefault("frames", ca.MX.zeros(count(FRAMES)))
     watched = watch(model, known, shape)
     known |= {name: watched.pop(name) for name in ("causes", "astray")}
-    known |= by_name(model.readings, known)
+    known |= call_by_name(model.readings, known)
     way = model.way_out(known["readings"])
     if way is not None:
         known["causes"] += 2.0**Cause.no_way_out * is_set(way[4])
@@ -448,23 +448,23 @@ def build_step(
     known |= landing(model, found, known, shape)
 
     # The QP and its answer.
-    known |= by_name(cost_function(model), known)
-    known["asks"] = still_asks(state["asked"]) if model.asks_back else ca.MX(1)
-    known |= by_name(shape(away_function(model)), known)
+    known |= call_by_name(cost_function(model), known)
+    known["asks"] = recovery_allowed(state["asked"]) if model.asks_back else ca.MX(1)
+    known |= call_by_name(shape(away_function(model)), known)
     known["stalled"] = stalled(state["rest"])
     if guided:
-        known |= by_name(pull_function(model), known)
+        known |= call_by_name(pull_function(model), known)
         if way is not None:
             pulls = way[3] <= 0
             known |= {name: pulls * known[name] for name in ("pull_H", "pull_g")}
     known |= solve_passes(model, solver, known, shape)
 
     # The part of the answer that is certified and sent.
-    known |= by_name(gain_function(model), known)
-    known |= by_name(shape(judge_function(model)), known, written=True)
+    known |= call_by_name(gain_function(model), known)
+    known |= call_by_name(shape(judge_function(model)), known, written=True)
     known["share"] = shortened(model, known)
     known |= amiss(model, known)
-    known |= by_name(shape(account_function(model)), known, written=True)
+    known |= call_by_name(shape(account_function(model)), known, written=True)
     known["next_state"] = joined(model.state, _next_state(model, found, known | watched))
 
     known |= {"pose_used": known["pose"], "causes": known["all_causes"], "cost": known["value"]}
@@ -482,7 +482,9 @@ def _contact_pose(problem: Problem) -> ca.Function:
     return ca.Function("contact_pose", [pose], [ca.densify(contact)])
 
 
-def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
+def _next_state(
+    model: StepModel, found: PendingMotion, known: Mapping[str, ca.MX]
+) -> dict[str, ca.MX]:
     """Return the parts of the state that a step hands to the next one."""
     after = {name: known[name] for name in ("compared", "story", "said")}
     history = next_history(
@@ -497,7 +499,7 @@ def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -
         after["unsure"] = ca.if_else(seen, ends, known["unsure"])
     if model.asks_back:
         limits = model.problem.row_limits
-        after["asked"] = asked_update(limits, known["asked"], known["now"], known["dt"])
+        after["asked"] = update_recovery_timer(limits, known["asked"], known["now"], known["dt"])
     if model.compares:
         compared = {**known, "period": found.dt}
         after["frames"] = (

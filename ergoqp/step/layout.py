@@ -161,7 +161,7 @@ class Way:
 
 
 @dataclass(frozen=True)
-class WayLayout:
+class PendingMotionLayout:
     """The parts of the vector ``way``.
 
     Attributes:
@@ -179,7 +179,7 @@ class WayLayout:
     holds: bool
 
     @classmethod
-    def of(cls, problem: Problem) -> WayLayout:
+    def of(cls, problem: Problem) -> PendingMotionLayout:
         """Return the parts of a problem."""
         robot, hard = problem.robot, tuple(limit for limit in problem.row_limits if limit.hard)
         # Where a pose is moved, it may be unknown in part.

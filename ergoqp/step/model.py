@@ -25,7 +25,15 @@ from ergoqp.limits.twist import Braking
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import SOLVER, interrupted
 from ergoqp.step.frames_check import FRAMES
-from ergoqp.step.layout import ASTRAY, History, Sizes, WayLayout, count, places, watch_blocks
+from ergoqp.step.layout import (
+    ASTRAY,
+    History,
+    PendingMotionLayout,
+    Sizes,
+    count,
+    places,
+    watch_blocks,
+)
 from ergoqp.step.rest import STATES, TRIAL
 from ergoqp.step.rows import limit_values, movable_rows
 
@@ -178,9 +186,9 @@ class StepModel:
         return watch_blocks(self.problem)
 
     @cached_property
-    def under_way(self) -> WayLayout:
+    def under_way(self) -> PendingMotionLayout:
         """The parts of the vector ``way``."""
-        return WayLayout.of(self.problem)
+        return PendingMotionLayout.of(self.problem)
 
     @cached_property
     def asks_back(self) -> bool:

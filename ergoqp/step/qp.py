@@ -36,7 +36,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Shape, by_name, dense, is_set, marked, vectors, written_out
+from ergoqp.expressions import Shape, call_by_name, dense, is_set, marked, vectors, written_out
 from ergoqp.limits import Limit, Rows, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import Braking, on_surface
@@ -78,7 +78,7 @@ class Margins:
                 matrix, rate, margins = rows.matrix, rows.rate, ca.fmin(rows.below, rows.above)
                 margins = with_nan(model, limit, rows, margins)
             else:
-                found = by_name(_curved_here(model, limit), known)
+                found = call_by_name(_curved_here(model, limit), known)
                 matrix, rate, margins = found["matrix"], found["rate"], found["margins"]
             self.matrices.append(matrix)
             self.rates.append(rate)
@@ -97,7 +97,7 @@ class Margins:
                 found.append(smallest_margins(limit, situations, ways))
             else:
                 curved = _curved_ahead(self._model, limit, ways.shape[1])
-                found.append(by_name(curved, {**self._known, "ways": ways})["margins"])
+                found.append(call_by_name(curved, {**self._known, "ways": ways})["margins"])
         return ca.vertcat(*found)
 
 
@@ -362,7 +362,7 @@ def qp_data(problem: Problem) -> ca.Function:
     known = given | {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(*model.size("way")))}
     known |= {"asks": ca.MX(1), "astray": ca.MX(ca.DM.zeros(ASTRAY))}
     for function in (model.readings, cost_function(model), away_function(model), pass_data(model)):
-        known |= by_name(function, known)
+        known |= call_by_name(function, known)
     outputs = [*QP_DATA, "S", "E"]
     parts = [known[name] for name in outputs]
     return ca.Function("qp_data", list(given.values()), parts, list(given), outputs)
@@ -390,7 +390,7 @@ def pass_data(model: StepModel) -> ca.Function:
     S, E = written_out(model.response.sensitivity(), mx["posture"], mx["locked"])
     function, follows = _terms(model)
     shift = S @ mx["way"][:6]
-    terms = by_name(function, mx | {"shift": shift, "S": S})
+    terms = call_by_name(function, mx | {"shift": shift, "S": S})
     away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
     brake = Braking(**{name: terms[name] for name in _BRAKING}, dt=mx["dt"], stop=problem.stop)
     matrix = _gathered(S, terms["own"], follows)
@@ -531,7 +531,7 @@ def solve_passes(
     """
     one_pass = _one_pass(model, solver, shape)
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
-    first = by_name(one_pass, {**known, **unlocked}, written=True)
+    first = call_by_name(one_pass, {**known, **unlocked}, written=True)
     fixed = [known[name] for name in one_pass.name_in()[:-2]]
     found = written_out(_further_passes(model, one_pass, 1), *fixed, *first.values())
     result = dict(zip(first, found, strict=True))
@@ -565,7 +565,7 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     data = shape(pass_data(model))
     names = [*data.name_in()[:-2], *(_PULL if model.guided else ()), "locked", "final"]
     mx = model.symbols(names, ca.MX)
-    found = by_name(data, mx, written=True)
+    found = call_by_name(data, mx, written=True)
     if model.guided:
         found |= {"H": found["H"] + mx["pull_H"], "g": found["g"] + mx["pull_g"]}
     exact = np.flatnonzero(model.values("hard")[model.movable])
@@ -574,7 +574,9 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
     lock = shape(_newly_locked(model))
-    newly = by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)["newly_locked"]
+    newly = call_by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)[
+        "newly_locked"
+    ]
     result = {
         "xi": xi,
         "S": found["S"],

@@ -259,7 +259,7 @@ def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
     )
 
 
-def still_asks(asked: ca.MX) -> ca.MX:
+def recovery_allowed(asked: ca.MX) -> ca.MX:
     """Return 1 while rows of the posture may ask to come back.
 
     The state `asked` (2,) holds the seconds asked for so far and the seconds allowed.
@@ -267,7 +267,9 @@ def still_asks(asked: ca.MX) -> ca.MX:
     return asked[0] <= asked[1]
 
 
-def asked_update(limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX) -> ca.MX:
+def update_recovery_timer(
+    limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX
+) -> ca.MX:
     """Return the next state of asking (2,).
 
     A row that was given up may ask again once no row is outside.

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from ergoqp.rest.model_person import Alike
-from ergoqp.rest.person import Senses, frames
+from ergoqp.rest.model_person import ModelPerson
+from ergoqp.rest.person import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.state import Separation
 from ergoqp.whole_body.whole_body import WholeBody, WholeBodyStep
 
-EXACT = Senses(noise_deg=0.0, drift_deg=0.0, lost=0.0)
+EXACT = SensorModel(noise_deg=0.0, drift_deg=0.0, lost=0.0)
 """Sensors without errors; the person still follows late."""
 
 
@@ -65,7 +65,7 @@ class Ruler:
         person: person with the true body, which may differ from the controller's model.
     """
 
-    def __init__(self, whole: WholeBody, person: Alike) -> None:
+    def __init__(self, whole: WholeBody, person: ModelPerson) -> None:
         """Build the true scene."""
         known = whole.scene
         self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
@@ -95,12 +95,12 @@ class Ruler:
 
 def run_whole_body(
     whole: WholeBody,
-    person: Alike,
+    person: ModelPerson,
     posture: np.ndarray,
     *,
     duration: float,
     seed: int = 0,
-    senses: Senses = EXACT,
+    senses: SensorModel = EXACT,
     checker: Checker | None = None,
 ) -> WholeBodyTrace:
     """Run the loop from `WholeBody.start` and return its trace.

@@ -12,7 +12,7 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import WIDTHS, Identified, Identifier, Unexplained
-from ergoqp.identification.promising import LIKELY, Promise, Promising, chosen
+from ergoqp.identification.promising import LIKELY, Candidate, CandidateSearch, chosen
 from ergoqp.joints import JOINTS
 from ergoqp.problem.geometry import Workspace
 from ergoqp.simulation.people import person_of_kind
@@ -150,7 +150,7 @@ def test_time_is_bounded() -> None:
 
 def test_places_are_promised_by_what_is_gained() -> None:
     problem, _, _ = rests_of_kind("follower", "dentist", 1)
-    person, promising = identified("follower", "dentist", 1), Promising(problem, 2.0)
+    person, promising = identified("follower", "dentist", 1), CandidateSearch(problem, 2.0)
     places = promising.places(person, 5.0)
     gains = [place.gain for place in places]
     assert gains == sorted(gains, reverse=True)
@@ -171,7 +171,7 @@ def test_places_are_promised_by_what_is_gained() -> None:
 def test_where_more_is_unsure_more_may_be_gained() -> None:
     person, promising = (
         identified("follower", "dentist", 1),
-        Promising(ergoqp.load_problem("dentist"), 2.0),
+        CandidateSearch(ergoqp.load_problem("dentist"), 2.0),
     )
     far = np.eye(4)
     far[:3, 3] = 50.0
@@ -191,9 +191,9 @@ def test_where_more_is_unsure_more_may_be_gained() -> None:
 def test_places_are_chosen_for_what_they_add_to_each_other() -> None:
     likely = np.ones(LIKELY)
     half = np.arange(LIKELY) % 2
-    first = Promise(np.eye(4), 1.0, 1.0, 2 * likely + half)
-    same = Promise(np.eye(4), 1.0, 1.0, 2 * likely + half + 0.01)
-    other = Promise(np.eye(4), 0.5, 1.0, 3.05 * likely - half)
+    first = Candidate(np.eye(4), 1.0, 1.0, 2 * likely + half)
+    same = Candidate(np.eye(4), 1.0, 1.0, 2 * likely + half + 0.01)
+    other = Candidate(np.eye(4), 0.5, 1.0, 3.05 * likely - half)
     assert chosen([same, other, first], 2) == [first, other]
     assert len(chosen([same], 3)) == 1
 

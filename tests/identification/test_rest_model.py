@@ -12,7 +12,7 @@ from ergoqp.human.body import GROWTH
 from ergoqp.identification.rest_model import RestModel, situation_of
 from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.model_person import Alike
+from ergoqp.rest.model_person import ModelPerson
 
 
 @cache
@@ -23,7 +23,7 @@ def model_of(name: str) -> RestModel:
 def reached(name: str, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Places, and how the problem's own person settles there."""
     problem = load_problem(name)
-    person, found = Alike(problem.response), []
+    person, found = ModelPerson(problem.response), []
     comfort = problem.response.comfort
     for point in Workspace(problem).spread(20):
         pose = Workspace(problem).pose(point)

@@ -15,7 +15,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.files import read as npz
 from ergoqp.identification.identify import Identifier
-from ergoqp.identification.loops import Watched, delay_of, rests_in, watched
+from ergoqp.identification.loops import LoopLog, delay_of, rests_in, watched
 from ergoqp.rest.best_place import awkward_place
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
@@ -24,7 +24,7 @@ from ergoqp.simulation.run import Run
 DT = 0.01
 
 
-def led(late: float, noise_deg: float = 0.0, moves: bool = True, seed: int = 0) -> Watched:
+def led(late: float, noise_deg: float = 0.0, moves: bool = True, seed: int = 0) -> LoopLog:
     """Postures that are linear in where the object was `late` seconds before."""
     rng, n = np.random.default_rng(seed), 2000
     time = DT * np.arange(n)
@@ -39,7 +39,7 @@ def led(late: float, noise_deg: float = 0.0, moves: bool = True, seed: int = 0) 
     poses[:, :3, 3] = way(time)
     postures[:] = 0.3 + way(time - late) @ rng.normal(size=(3, 32))
     postures += np.radians(noise_deg) * rng.standard_normal(postures.shape)
-    return Watched(time, postures, poses)
+    return LoopLog(time, postures, poses)
 
 
 @cache
@@ -68,9 +68,9 @@ def test_a_delay_is_not_made_up() -> None:
     assert delay_of(led(0.2, moves=False)) is None
     lost = led(0.2)
     noise = np.random.default_rng(0).standard_normal(lost.postures.shape)
-    assert delay_of(Watched(lost.time, noise, lost.poses)) is None
-    assert delay_of(Watched(lost.time, lost.postures * np.nan, lost.poses)) is None
-    assert delay_of(Watched(lost.time[:50], lost.postures[:50], lost.poses[:50])) is None
+    assert delay_of(LoopLog(lost.time, noise, lost.poses)) is None
+    assert delay_of(LoopLog(lost.time, lost.postures * np.nan, lost.poses)) is None
+    assert delay_of(LoopLog(lost.time[:50], lost.postures[:50], lost.poses[:50])) is None
     assert delay_of(led(0.9)) is None, "longer than any that is tried"
 
 
@@ -79,7 +79,7 @@ def test_lost_frames_and_uneven_periods_do_not_matter() -> None:
     loop.postures[rng.random(len(loop.time)) < 0.2] = np.nan
     loop.postures[:, 4] = np.nan
     kept = rng.random(len(loop.time)) < 0.7
-    loop = Watched(loop.time[kept], loop.postures[kept], loop.poses[kept])
+    loop = LoopLog(loop.time[kept], loop.postures[kept], loop.poses[kept])
     assert delay_of(loop) == pytest.approx(0.2, abs=0.01)
 
 
@@ -90,7 +90,7 @@ def test_every_stay_is_one_rest_the_last() -> None:
     time = DT * np.arange(n)
     poses[:, 0, 3] = 0.2 * (time // 10) + 0.1 * np.minimum(time % 10, 2.0)
     postures[:] = (time // 10)[:, None] + 0.001 * (time % 10)[:, None]
-    found = rests_in(Watched(time, postures, poses))
+    found = rests_in(LoopLog(time, postures, poses))
     assert len(found) == 3
     assert [round(float(rest.pose[0, 3]), 6) for rest in found] == [0.2, 0.4, 0.6]
     assert [rest.posture[0] // 1 for rest in found] == [0, 1, 2]

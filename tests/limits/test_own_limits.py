@@ -17,7 +17,7 @@ from ergoqp.limits.limit import straight_margins
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import awkward_start, workspace_map
-from ergoqp.rest.model_person import Alike, sample_person
+from ergoqp.rest.model_person import ModelPerson, sample_person
 from ergoqp.simulation.check import Checker
 from ergoqp.step.stepper import Stepper
 
@@ -291,7 +291,7 @@ def test_the_optimum_holds_it(posture: bool) -> None:
 def test_maps_and_starts_are_not_behind_the_wall() -> None:
     box = problem_of("low_bin").limit_of(WorkspaceBox)
     problem = walled((box.lower[0] + box.upper[0]) / 2, "low_bin")
-    person = Alike(problem.response)
+    person = ModelPerson(problem.response)
     reached, plain = (
         workspace_map(each, person, spacing=0.2, cache=False)
         for each in (problem, problem_of("low_bin"))

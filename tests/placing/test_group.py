@@ -14,8 +14,8 @@ from ergoqp.errors import InputError
 from ergoqp.lab.group import best_for_group
 from ergoqp.lab.group_search import (
     AXES,
+    Equilibrium,
     PlaceSearch,
-    RestAtPlace,
     drawn_people,
     keys,
     merit,
@@ -25,7 +25,7 @@ from ergoqp.lab.group_search import (
 from ergoqp.lab.population import variant
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.optimise import optimise
-from ergoqp.placing.place import Placing
+from ergoqp.placing.place import PoseParametrization
 from ergoqp.problem.load import load_problem
 from ergoqp.rest.best_place import workspace_poses
 
@@ -183,7 +183,7 @@ def test_the_soft_maximum_is_a_maximum():
 
 
 def test_points_and_poses_are_the_same(low_bin):
-    placing = Placing.of(low_bin)
+    placing = PoseParametrization.of(low_bin)
     point = np.array([0.4, 0.1, 0.5, 0.2, -0.15])
     assert placing.point(placing.pose(point)) == pytest.approx(point)
     assert placing.holds(point)
@@ -195,7 +195,7 @@ def test_a_worse_way_to_a_place_counts(low_bin):
     people = read_people(low_bin, (1.7,))
     search = PlaceSearch(low_bin, people, shared_grid(low_bin, people, 0.2), "mean")
     stay = search.at(search.starts(1)[0])
-    lucky = RestAtPlace(stay.point, np.array([1]), np.array([0.5]), np.zeros((1, 32)))
+    lucky = Equilibrium(stay.point, np.array([1]), np.array([0.5]), np.zeros((1, 32)))
     assert search.resettled_from_comfort(lucky).scores[0] > 1
     unlucky = replace(lucky, scores=np.array([14]))
     assert search.resettled_from_comfort(unlucky).scores[0] == 14

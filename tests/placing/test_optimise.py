@@ -45,9 +45,9 @@ class TestBest:
         np.testing.assert_allclose(best.pose[:3, :3].T @ best.pose[:3, :3], np.eye(3), atol=1e-12)
 
     def test_the_person_comes_to_rest_there(self, problem, best):
-        from ergoqp.rest.model_person import Alike
+        from ergoqp.rest.model_person import ModelPerson
 
-        person = Alike(problem.response)
+        person = ModelPerson(problem.response)
         grasp, soles = person.grasp(best.posture_before), person.stand(best.posture_before)
         settled, reached = person.settle(best.posture, best.pose, grasp, soles, steps=1000)
         assert reached

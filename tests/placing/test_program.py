@@ -11,7 +11,7 @@ from ergoqp.placing.optimise import begin_from
 from ergoqp.placing.program import Program, smooth_cost
 from ergoqp.problem.load import TASKS
 from ergoqp.rest.best_place import awkward_start
-from ergoqp.rest.model_person import Alike
+from ergoqp.rest.model_person import ModelPerson
 
 FINE = (1e-4, 0.5)
 
@@ -21,7 +21,7 @@ class Solved:
 
     def __init__(self, name, mode="stackelberg"):
         self.problem = ergoqp.load_problem(name)
-        person = Alike(self.problem.response)
+        person = ModelPerson(self.problem.response)
         posture = awkward_start(self.problem, person, 1)
         begin = begin_from(person, posture, None)
         self.program = Program(self.problem, person.response, mode, "ipopt")

@@ -71,10 +71,10 @@ def test_another_seed_begins_elsewhere(problem, alone):
 
 
 def test_awkward_start_is_that_of_run(problem, alone):
-    from ergoqp.rest.model_person import Alike
+    from ergoqp.rest.model_person import ModelPerson
 
     np.testing.assert_array_equal(
-        alone.posture_before, awkward_start(problem, Alike(problem.response), 3)
+        alone.posture_before, awkward_start(problem, ModelPerson(problem.response), 3)
     )
 
 

@@ -13,7 +13,7 @@ from ergoqp import reba
 from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import fit_postures
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 
@@ -297,5 +297,5 @@ def test_far_from_the_origin_numbers_are_not_exact(work: Places) -> None:
     with pytest.raises(
         RecordingError, match="they are exact to 8 mm only, allowed coordinates with"
     ):
-        recording_of(motion, "a", Reading(unit=1.0, up="z"))
-    recording_of(replace(motion, positions=far.astype(float)), "a", Reading(unit=1.0, up="z"))
+        recording_of(motion, "a", ReadOptions(unit=1.0, up="z"))
+    recording_of(replace(motion, positions=far.astype(float)), "a", ReadOptions(unit=1.0, up="z"))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import Naming, centres_of, known_namings, naming_of
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import AHEAD, oriented
@@ -99,7 +99,7 @@ def made(
 
 def angles_off(motion: JointMotion, postures: np.ndarray, joint: str) -> float:
     """Return by how much an angle is off that was read from a recording, at most [deg]."""
-    recording = recording_of(motion, "take", Reading(body=BODY, neutral="vertical"))
+    recording = recording_of(motion, "take", ReadOptions(body=BODY, neutral="vertical"))
     assert recording.observed[:, INDEX[joint]].all()
     off = recording.postures[:, INDEX[joint]] - postures[:, INDEX[joint]]
     return float(np.degrees(np.abs(off)).max())
@@ -108,7 +108,7 @@ def angles_off(motion: JointMotion, postures: np.ndarray, joint: str) -> float:
 @pytest.mark.parametrize(("unit", "up"), [(1.0, "z"), (0.001, "y")])
 def test_head_and_forearms_are_turned_as_xsens_has_them(unit: float, up: str) -> None:
     motion, postures = made(MVN, QUARTER, unit, up)
-    recording = recording_of(motion, "take", Reading(body=BODY, neutral="vertical"))
+    recording = recording_of(motion, "take", ReadOptions(body=BODY, neutral="vertical"))
     for joint in ("neck_twist", *(f"{side}_forearm_pronation" for side in SIDES)):
         assert recording.observed[:, INDEX[joint]].all()
         off = recording.postures[:, INDEX[joint]] - postures[:, INDEX[joint]]
@@ -119,7 +119,9 @@ def test_head_and_forearms_are_turned_as_xsens_has_them(unit: float, up: str) ->
             assert np.degrees(np.abs(recording.postures[:, at] - postures[:, at])).max() < 3
     assert AHEAD not in recording.assumptions
     # Without orientations nothing tells them.
-    bare = recording_of(replace(motion, turns={}), "take", Reading(body=BODY, neutral="vertical"))
+    bare = recording_of(
+        replace(motion, turns={}), "take", ReadOptions(body=BODY, neutral="vertical")
+    )
     assert not bare.observed[:, INDEX["neck_twist"]].any()
     assert not bare.observed[:, INDEX["right_forearm_pronation"]].any()
 

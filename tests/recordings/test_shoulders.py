@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from ergoqp.human import FRACTIONS, Body, Kinematics
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import unseen
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import SAID
@@ -56,7 +56,7 @@ def handled(sway: float, noise: float = 0.002) -> tuple[JointMotion, np.ndarray]
 
 
 def elevation_off(motion: JointMotion, postures: np.ndarray) -> float:
-    recording = recording_of(motion, "take", Reading(neutral="vertical"))
+    recording = recording_of(motion, "take", ReadOptions(neutral="vertical"))
     assert SAID in recording.assumptions
     assert recording.scored.all()
     off = elevation_of(recording.postures)[0] - elevation_of(postures)[0]
@@ -79,7 +79,7 @@ def test_without_an_orientation_the_arms_are_not_scored():
     recording = recording_of(
         JointMotion(motion.names, motion.positions, motion.time, unit=1.0, up="z"),
         "take",
-        Reading(neutral="vertical"),
+        ReadOptions(neutral="vertical"),
     )
     assert SAID not in recording.assumptions
     assert not recording.scored.any()
@@ -89,7 +89,7 @@ def test_what_is_lost_for_a_while():
     motion, postures = handled(60.0)
     motion.turns["Shoulder Center"][100:200] = np.nan
     motion.positions[300:330, motion.names.index("Left Elbow")] = np.nan
-    recording = recording_of(motion, "take", Reading(neutral="vertical"))
+    recording = recording_of(motion, "take", ReadOptions(neutral="vertical"))
     away = np.degrees(elevation_of(recording.postures)[0] - elevation_of(postures)[0])
     assert not recording.scored[120:180].any()
     assert np.abs(away[recording.scored]).max() < 12

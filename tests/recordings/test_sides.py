@@ -9,7 +9,7 @@ from benchmarks.made_motions import BODY, Places, fitted, posture, walk
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
 from ergoqp.mocap.fitting.axes import check_sides
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import AHEAD
@@ -139,7 +139,7 @@ def test_a_nose_that_is_put_ahead_of_the_trunk_shows_nothing() -> None:
         positions = np.stack([places[name] for name in names], axis=1)
         motion = JointMotion(names, positions, np.arange(240) / 60, turns=turns)
         if fine:
-            assert AHEAD in recording_of(motion, "a", Reading(unit=1.0, up="z")).assumptions
+            assert AHEAD in recording_of(motion, "a", ReadOptions(unit=1.0, up="z")).assumptions
             continue
         with pytest.raises(RecordingError, match="the hands reach backward"):
-            recording_of(motion, "a", Reading(unit=1.0, up="z"))
+            recording_of(motion, "a", ReadOptions(unit=1.0, up="z"))

@@ -13,7 +13,7 @@ from benchmarks.made_motions import walk
 from ergoqp.arguments import unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.mocap.formats.c3d import read_c3d
-from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.formats.text import TableOptions
 from ergoqp.mocap.joints import _known, of_subject
 from ergoqp.mocap.naming import CENTRES
 from ergoqp.mocap.recording import JointMotion
@@ -282,7 +282,7 @@ def test_single_precision_and_long_recordings() -> None:
 
 def test_the_person_and_the_box_of_a_handling_study(shared: Path) -> None:
     path = shared / "mocap" / "c3d" / "pyomeca_box_handling.c3d"
-    motion = read_c3d(path, unseen, Asked())
+    motion = read_c3d(path, unseen, TableOptions())
     found = chosen(motion)
     assert all(":" not in name for name in found.names)
     assert len(found.names) == 43

@@ -18,7 +18,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
 from ergoqp.rest.best_place import awkward_place
-from ergoqp.seeking import Place, Seeker, Seeking
+from ergoqp.seeking import Place, Seeker, SeekOptions
 from ergoqp.seeking.tries import THEIRS
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
@@ -97,7 +97,7 @@ def test_who_says_no_is_left_alone_until_asked_again() -> None:
 @pytest.mark.slow
 def test_a_person_who_never_follows_ends_at_rest_in_time() -> None:
     problem, _, posture = start("alike", "screwing", 1)
-    how = Seeking(patience=5.0, longest=20.0)
+    how = SeekOptions(patience=5.0, longest=20.0)
     seeker = Seeker(problem, [best_of_model("screwing")], how, patient=True)
     steps = steps_of(seeker, posture, 4000)
     assert not any(step.twist.any() for step in steps[-500:])
@@ -108,7 +108,7 @@ def test_a_person_who_never_follows_ends_at_rest_in_time() -> None:
 @pytest.mark.slow
 def test_whatever_comes_in_a_step_comes_out() -> None:
     problem, _, posture = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=1.0), patient=True)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(patience=1.0), patient=True)
     rng, wild = np.random.default_rng(0), posture.copy()
     for i in range(600):
         wild = posture + rng.normal(scale=2.0 if i % 3 else 40.0, size=32)
@@ -125,7 +125,7 @@ def test_whatever_comes_in_a_step_comes_out() -> None:
 def test_thinking_aside_does_not_hold_up_the_loop() -> None:
     """It is thought about while the object rests; no step waits for it."""
     problem, holding, _ = start("stubborn", "desk", 2)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=120.0))
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=120.0))
     person, pose = holding.copy(), holding.pose.copy()
     thinks = 0
     for _ in range(9000):
@@ -205,7 +205,7 @@ def test_a_period_that_is_none_is_no_time() -> None:
 @pytest.mark.slow
 def test_while_it_is_not_enabled_no_try_runs_out_of_time() -> None:
     problem, _, posture = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=1.0), thinks=False)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(patience=1.0), thinks=False)
     for _ in range(400):
         seeker.step(posture, enable=False)
     assert not seeker.account
@@ -216,11 +216,11 @@ def test_while_it_is_not_enabled_no_try_runs_out_of_time() -> None:
 def test_it_says_why_it_stays(monkeypatch) -> None:
     """While it is thought about, and where nobody came to rest anywhere, nothing is best yet."""
     problem, holding, posture = start("stubborn", "desk", 2)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=0.5, longest=1.0))
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(patience=0.5, longest=1.0))
     steps = steps_of(seeker, posture, 600)
     assert seeker.best is None
     assert steps[-1].reason == "at rest: the person came to rest nowhere"
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=120.0))
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=120.0))
     monkeypatch.setattr(type(seeker._thought), "done", property(lambda self: False))
     said, pose, person = set(), holding.pose.copy(), holding.copy()
     for _ in range(6000):
@@ -257,7 +257,7 @@ def test_a_thought_after_a_place_without_rest_is_a_new_one(monkeypatch) -> None:
 @pytest.mark.slow
 def test_who_became_another_is_not_known_by_the_rests_before() -> None:
     problem, _, posture = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=0.0), patient=True)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=0.0), patient=True)
     steps_of(seeker, problem.response.comfort, 1500)  # type: ignore[attr-defined]
     assert not seeker.seeks
     assert seeker.account
@@ -274,7 +274,7 @@ def test_who_became_another_is_not_known_by_the_rests_before() -> None:
 @pytest.mark.slow
 def test_an_object_that_somebody_moved_away_is_led_anew() -> None:
     problem, holding, _ = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=0.0), patient=True)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=0.0), patient=True)
     person, pose = holding.copy(), holding.pose.copy()
     for _ in range(3000):
         pose = moved(pose, seeker.step(person.posture, pose).twist * seeker.dt)

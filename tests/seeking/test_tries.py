@@ -7,8 +7,8 @@ import pytest
 
 from ergoqp.errors import InputError
 from ergoqp.identification.loops import Resting
-from ergoqp.identification.promising import LIKELY, Promise
-from ergoqp.seeking.tries import DESCENT, THEIRS, Place, Seeking, Tries
+from ergoqp.identification.promising import LIKELY, Candidate
+from ergoqp.seeking.tries import DESCENT, THEIRS, Place, SearchState, SeekOptions
 
 
 def at(x: float) -> np.ndarray:
@@ -21,15 +21,15 @@ def rest(time: float, x: float) -> Resting:
     return Resting(time, at(x), np.zeros(32))
 
 
-def promise(pose: np.ndarray, gain: float) -> Promise:
-    return Promise(pose, gain, 1.0, np.ones(LIKELY))
+def promise(pose: np.ndarray, gain: float) -> Candidate:
+    return Candidate(pose, gain, 1.0, np.ones(LIKELY))
 
 
 A, B = Place("a", at(0.2)), Place("b", at(0.4))
 
 
 def test_descent_first_then_the_places_and_back_to_the_best() -> None:
-    tries = Tries([A, B], Seeking(), 1.0)
+    tries = SearchState([A, B], SeekOptions(), 1.0)
     assert tries.measured(rest(5, 0.0), 3.0) is A
     assert tries.measured(rest(12, 0.2), 4.0) is B
     home = tries.measured(rest(19, 0.4), 5.0)
@@ -44,20 +44,20 @@ def test_descent_first_then_the_places_and_back_to_the_best() -> None:
 
 
 def test_who_is_well_is_left_alone() -> None:
-    tries = Tries([A, B], Seeking(enough=0.5), 1.0)
+    tries = SearchState([A, B], SeekOptions(enough=0.5), 1.0)
     assert tries.measured(rest(5, 0.0), 1.4) is None
     assert tries.done
 
 
 def test_where_the_last_is_about_the_best_it_stays() -> None:
-    tries = Tries([A], Seeking(better=0.2), 1.0)
+    tries = SearchState([A], SeekOptions(better=0.2), 1.0)
     assert tries.measured(rest(5, 0.0), 3.0) is A
     assert tries.measured(rest(9, 0.2), 3.15) is None
     assert tries.done
 
 
 def test_a_best_place_that_is_worse_the_second_time_gives_way_to_the_next() -> None:
-    tries = Tries([A, B], Seeking(), 1.0)
+    tries = SearchState([A, B], SeekOptions(), 1.0)
     tries.measured(rest(5, 0.0), 5.0)
     tries.measured(rest(9, 0.2), 2.0)
     home = tries.measured(rest(13, 0.4), 3.0)
@@ -71,24 +71,24 @@ def test_a_best_place_that_is_worse_the_second_time_gives_way_to_the_next() -> N
 
 
 def test_places_that_were_met_are_not_tried() -> None:
-    tries = Tries([Place("same", at(0.01)), B], Seeking(), 1.0)
+    tries = SearchState([Place("same", at(0.01)), B], SeekOptions(), 1.0)
     assert tries.measured(rest(5, 0.0), 3.0) is B
 
 
 def test_tries_and_time_are_bounded() -> None:
     many = [Place(str(i), at(0.2 * i)) for i in range(1, 20)]
-    tries = Tries(many, Seeking(tries=3), 1.0)
+    tries = SearchState(many, SeekOptions(tries=3), 1.0)
     for i in range(3):
         assert not tries.done
         tries.measured(rest(5.0 * i, -1.0 - 0.2 * i), 5.0 - i)
     assert tries.done
-    tries = Tries(many, Seeking(longest=20.0), 1.0)
+    tries = SearchState(many, SeekOptions(longest=20.0), 1.0)
     assert tries.measured(rest(9, 0.0), 5.0) is None
     assert tries.done
 
 
 def test_who_does_not_come_to_rest_is_waited_for_no_longer_than_that() -> None:
-    tries = Tries([A], Seeking(patience=15.0), 1.0)
+    tries = SearchState([A], SeekOptions(patience=15.0), 1.0)
     assert not tries.overdue(14.9)
     assert tries.overdue(15.1)
     assert tries.unrested(15.1, at(0.0)) is A
@@ -99,7 +99,7 @@ def test_who_does_not_come_to_rest_is_waited_for_no_longer_than_that() -> None:
 
 
 def test_a_place_whose_way_cost_too_much_is_left_out_from_then_on() -> None:
-    tries = Tries([A], Seeking(), 1.0, thinks=True)
+    tries = SearchState([A], SeekOptions(), 1.0, thinks=True)
     assert tries.measured(rest(5, 0.0), 3.0) is A
     assert tries.measured(rest(12, 0.0), 3.0) is None
     assert "cost too much" in tries.account[-1].note
@@ -112,7 +112,7 @@ def test_a_place_whose_way_cost_too_much_is_left_out_from_then_on() -> None:
 
 
 def test_what_promises_too_little_is_not_tried() -> None:
-    tries = Tries([A], Seeking(worth=0.15), 1.0, thinks=True)
+    tries = SearchState([A], SeekOptions(worth=0.15), 1.0, thinks=True)
     tries.measured(rest(5, 0.0), 3.0)
     assert tries.measured(rest(12, 0.2), 4.0) is None
     assert tries.thinking
@@ -126,7 +126,7 @@ def test_what_promises_too_little_is_not_tried() -> None:
 def test_a_best_place_that_is_worse_the_second_time_is_thought_about_again(
     back: float | None,
 ) -> None:
-    tries = Tries([A, B], Seeking(), 1.0, thinks=True)
+    tries = SearchState([A, B], SeekOptions(), 1.0, thinks=True)
     tries.measured(rest(5, 0.0), 5.0)
     tries.measured(rest(10, 0.2), 3.5)
     assert tries.measured(rest(15, 0.4), 5.0) is None
@@ -152,10 +152,10 @@ def test_a_best_place_that_is_worse_the_second_time_is_thought_about_again(
 
 
 def test_the_account_says_what_was_promised() -> None:
-    tries = Tries([], Seeking(), 1.0, thinks=True)
+    tries = SearchState([], SeekOptions(), 1.0, thinks=True)
     tries.measured(rest(5, 0.0), 5.0)
     assert tries.done
-    tries = Tries([A], Seeking(), 1.0, thinks=True)
+    tries = SearchState([A], SeekOptions(), 1.0, thinks=True)
     tries.measured(rest(5, 0.0), 5.0)
     tries.measured(rest(9, 0.2), 4.0)
     tries.suggested(9.5, [promise(at(0.7), 1.23)])
@@ -165,14 +165,14 @@ def test_the_account_says_what_was_promised() -> None:
 
 
 def test_all_is_tried_anew_only_after_three_worse_rests() -> None:
-    tries = Tries([], Seeking(worse=1.0), 1.0)
+    tries = SearchState([], SeekOptions(worse=1.0), 1.0)
     tries.measured(rest(5, 0.0), 2.0)
     said = [tries.worsened(at(0.0), score) for score in (3.5, 3.5, 2.5, 3.5, 3.5, 3.5)]
     assert said == [False] * 5 + [True]
 
 
 def test_a_return_without_a_rest_forgets_no_rest() -> None:
-    tries = Tries([B], Seeking(tries=2), 1.0)
+    tries = SearchState([B], SeekOptions(tries=2), 1.0)
     tries.measured(rest(3, 0.0), 2.0)
     tries.measured(rest(6, 0.4), 3.0)
     tries.unrested(21, at(0.4))
@@ -184,20 +184,20 @@ def test_a_return_without_a_rest_forgets_no_rest() -> None:
 
 
 def test_it_knows_whether_it_is_where_it_measured_best() -> None:
-    tries = Tries([B], Seeking(tries=2), 1.0)
+    tries = SearchState([B], SeekOptions(tries=2), 1.0)
     for now, x, score in ((3, 0.0, 2.0), (6, 0.4, 3.0), (9, 0.0, 5.0), (12, 0.4, 6.0)):
         assert not tries.kept
         tries.measured(rest(now, x), score)
     assert tries.done
     assert not tries.kept, "6 where it is, 5 elsewhere"
-    good = Tries([], Seeking(), 1.0)
+    good = SearchState([], SeekOptions(), 1.0)
     good.measured(rest(3, 0.0), 2.0)
     assert good.kept
 
 
 def test_who_rests_at_last_and_badly_is_begun_with() -> None:
     for score, again in ((5.0, True), (1.2, False)):
-        tries = Tries([], Seeking(), 1.0)
+        tries = SearchState([], SeekOptions(), 1.0)
         tries.unrested(15, at(0.0))
         assert tries.done
         said = [tries.worsened(at(0.0), score) for _ in range(3)]
@@ -205,7 +205,7 @@ def test_who_rests_at_last_and_badly_is_begun_with() -> None:
 
 
 def test_all_is_tried_anew_where_somebody_moved_the_object() -> None:
-    tries = Tries([], Seeking(worse=1.0), 1.0)
+    tries = SearchState([], SeekOptions(worse=1.0), 1.0)
     tries.measured(rest(5, 0.0), 2.0)
     said = [tries.worsened(at(x), 2.0) for x in (0.01, 0.2, 0.2, 0.01, 0.2, 0.2, 0.2)]
     assert said == [False] * 6 + [True]
@@ -222,6 +222,6 @@ def test_all_is_tried_anew_where_somebody_moved_the_object() -> None:
 )
 def test_mistakes_are_named(wrong: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        Seeking(**wrong)
+        SeekOptions(**wrong)
     with pytest.raises(InputError, match=r"place\.pose"):
         Place("a", np.zeros((4, 4)))

@@ -14,7 +14,7 @@ from ergoqp.lab.yardstick import Drive, Gradient, Still, Workspace, rule_pose
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import pose_error, turned
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.person import Senses
+from ergoqp.rest.person import SensorModel
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
@@ -74,7 +74,7 @@ def test_a_drive_to_where_the_object_is_stays() -> None:
 def test_the_gradient_goes_down_within_every_limit_of_the_object(name: str) -> None:
     problem = load_problem(name)
     person = person_of_kind("follower", problem, 1)
-    start = person.hold(person.comfort, Senses(noise_deg=0.5, drift_deg=0.0, lost=0.0))
+    start = person.hold(person.comfort, SensorModel(noise_deg=0.5, drift_deg=0.0, lost=0.0))
     places = Workspace(problem)
     for point in places.spread(8):
         away = start.copy()

@@ -12,7 +12,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.problem.geometry import frame_of
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.model_person import Alike, sample_person
+from ergoqp.rest.model_person import ModelPerson, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.guide import read_guide
@@ -22,7 +22,7 @@ BACK = "drawn back to where it was better than at the given place"
 
 
 @cache
-def overhead() -> tuple[Problem, Alike, np.ndarray]:
+def overhead() -> tuple[Problem, ModelPerson, np.ndarray]:
     """A person far to the right of a low panel: descent comes to rest two points above what is
     possible."""
     problem = load_problem("overhead")

@@ -408,7 +408,7 @@ def test_a_model_of_a_user_that_gives_nan_is_named() -> None:
     assert step.reason == "limits: got NaN in rows or margins of boundary, allowed numbers"
 
 
-class Asked(ca.Callback):
+class TableOptions(ca.Callback):
     """A cost in Python, which can raise or be slow; the steps of its `does` come first."""
 
     def __init__(self, size: int = 32) -> None:
@@ -429,7 +429,7 @@ class Asked(ca.Callback):
 class AsPlain(Pull):
     """`Pull` through Python, with the four members that every cost has."""
 
-    asked = Asked(6)
+    asked = TableOptions(6)
 
     def expression(self, q: Any) -> Any:
         return self.asked(q[:6])
@@ -439,7 +439,7 @@ class InPython(Pull):
     """`Pull` through Python."""
 
     dense = True
-    asked = Asked()
+    asked = TableOptions()
 
     def expression(self, q: Any) -> Any:
         return self.asked(q)
@@ -498,7 +498,7 @@ def test_an_interrupt_within_a_term_is_no_error_of_it() -> None:
     assert stepper.step(FORWARD).status == "optimal"
 
 
-class Nothing(Asked):
+class Nothing(TableOptions):
     """Adds nothing to a response, but asks Python for it."""
 
     def eval(self, arguments: Any) -> Any:
@@ -561,7 +561,7 @@ def test_a_response_that_raises_brakes_and_is_named(which: str) -> None:
 class WallInPython(Wall):
     """`Wall`, whose end asks Python."""
 
-    asked = Asked()
+    asked = TableOptions()
 
     def rows(self, situation: Situation) -> Rows:
         rows = super().rows(situation)

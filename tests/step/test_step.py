@@ -34,7 +34,7 @@ from ergoqp.solvers import installed_solvers, solver_named
 from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
 from ergoqp.step.qp import TOLERANCE, _newly_locked, pass_data
-from ergoqp.step.rows import STEADY_RETURN, asked_update, limit_values
+from ergoqp.step.rows import STEADY_RETURN, limit_values, update_recovery_timer
 from ergoqp.step.stepper import Cause, Status, Stepper
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
@@ -342,7 +342,9 @@ def test_what_is_outside_by_little_is_asked_back_at_the_steady_pace() -> None:
     )
     asked, margins = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(where))
     after = ca.Function(
-        "after", [asked, margins], [asked_update(problem.row_limits, asked, margins, ca.MX(0.01))]
+        "after",
+        [asked, margins],
+        [update_recovery_timer(problem.row_limits, asked, margins, ca.MX(0.01))],
     )
     for out in (1e-3, 5e-3):
         where[joint] = -out
@@ -357,7 +359,9 @@ def test_a_narrowed_range_is_left_beyond_its_tolerance_and_not_at_it() -> None:
     tolerance = limit_values(problem.row_limits, "tolerance")[joint]
     asked, margins, dt = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(rows)), ca.MX.sym("dt")
     after = ca.Function(
-        "after", [asked, margins, dt], [asked_update(problem.row_limits, asked, margins, dt)]
+        "after",
+        [asked, margins, dt],
+        [update_recovery_timer(problem.row_limits, asked, margins, dt)],
     )
     for beyond, asks in ((0.0, False), (1e-9, True)):
         where = np.full(len(rows), 0.1)

@@ -14,7 +14,7 @@ from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions import Evaluator
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person
-from ergoqp.rest.person import Senses
+from ergoqp.rest.person import SensorModel
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body
@@ -41,7 +41,7 @@ def test_without_limits_of_the_robot_it_is_the_twist_of_the_fast_step(name):
     person = sample_person(problem, 0, body=problem.response.body)
     posture = awkward_start(problem, person, 0, 10)
     whole = WholeBody(problem, without_limits(), posture=posture, distance=None)
-    trace = run_whole_body(whole, person, posture, duration=1.5, senses=Senses())
+    trace = run_whole_body(whole, person, posture, duration=1.5, senses=SensorModel())
     compared = [
         step
         for step in trace.steps
@@ -86,7 +86,7 @@ def test_with_noisy_sensors_the_object_keeps_its_speed_and_the_loop_goes_on(near
     speed; the next step raised."""
     problem, person, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture, distance=0.05)
-    trace = run_whole_body(whole, person, posture, duration=5.0, senses=Senses())
+    trace = run_whole_body(whole, person, posture, duration=5.0, senses=SensorModel())
     twists = np.array([step.twist for step in trace.steps])
     assert np.abs(twists).max() > 0.05
     assert np.all(np.abs(twists) <= problem.twist_limit.speed * (1 + 1e-6))

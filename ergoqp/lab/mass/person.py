@@ -35,7 +35,7 @@ from ergoqp.lab.people.habits import AXIS, Sex, Work, draw_body, draw_habits, ge
 from ergoqp.problem.geometry import between, pose_error
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.rest.person import LET_GO, Holding, Person, Senses, draw_senses
+from ergoqp.rest.person import LET_GO, Holding, Person, SensorModel, draw_senses
 
 _LOWEST: Final = 0.3
 """A standing person has fallen if the pelvis is below this share of its upright height.
@@ -140,7 +140,7 @@ class MassHolding(Holding):
         data: data of the simulation, for inspection.
     """
 
-    def __init__(self, beginning: Beginning, senses: Senses) -> None:
+    def __init__(self, beginning: Beginning, senses: SensorModel) -> None:
         """Take hold of the object, and hold it still for `STILL` seconds."""
         self._is, self.senses = beginning, senses
         self.model = copy(beginning.model)
@@ -344,7 +344,7 @@ class Traits:
     body: Body
     sex: Sex
     wishes: Wishes
-    senses: Senses
+    senses: SensorModel
     compensation: float
     work: Work
 
@@ -413,7 +413,7 @@ class Mass(Person):
         return self.traits.body
 
     @property
-    def senses(self) -> Senses:
+    def senses(self) -> SensorModel:
         """Delay of the person, and simple sensors."""
         return self.traits.senses
 
@@ -471,7 +471,9 @@ class Mass(Person):
         """Computes the posture that the person wants."""
         return Planner(self.model, self.traits.wishes)
 
-    def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> MassHolding:
+    def hold(
+        self, posture: np.ndarray, senses: SensorModel | None = None, seed: int = 0
+    ) -> MassHolding:
         """Return the person holding the object in a posture (32,) [rad].
 
         They have held it still for `ergoqp.lab.mass.person.STILL` seconds.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.lab.mass.body import BALL_END, HABITS, PERSON_DOFS, cross, holding_points
-from ergoqp.problem.geometry import turn_between
+from ergoqp.problem.geometry import rotation_vector
 
 PERSON_QPOS: Final = 7 + len(JOINTS)
 """Number of coordinates: pelvis position and quaternion, then the joints."""
@@ -108,7 +108,7 @@ class Residuals:
         site = self._site(f"{side}_sole")
         jacobian, have = self._jac(site), self._data.site_xmat[site].reshape(3, 3)
         self._add(jacobian[:3], _capped(sole[:3, 3] - self._data.site_xpos[site], _FAR), _SOLES)
-        self._add(jacobian[3:], _capped(turn_between(have, sole[:3, :3]), 0.3), _TURNED_SOLES)
+        self._add(jacobian[3:], _capped(rotation_vector(have, sole[:3, :3]), 0.3), _TURNED_SOLES)
 
     def gaze(self, work: np.ndarray) -> None:
         """Add: turn the neck toward the work by the angle beyond the range of the eyes."""

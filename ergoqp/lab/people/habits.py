@@ -13,7 +13,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.problem.geometry import turn_between
+from ergoqp.problem.geometry import rotation_vector
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 
@@ -71,7 +71,7 @@ class BodyTasks:
         """Return the motion (6,) of a site to a pose (4, 4), and its `jacobian`."""
         number, way = self._sites[site], np.empty(6)
         way[:3] = want[:3, 3] - self._data.site_xpos[number]
-        way[3:] = turn_between(self._data.site_xmat[number].reshape(3, 3), want[:3, :3])
+        way[3:] = rotation_vector(self._data.site_xmat[number].reshape(3, 3), want[:3, :3])
         return way, self.jacobian(site)
 
     def jacobian(self, site: str) -> np.ndarray:

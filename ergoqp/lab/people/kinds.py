@@ -13,7 +13,7 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.lab.people.habits import BASE, Habits, Work
 from ergoqp.lab.people.soft import REACHED, SoftBody, SoftHolding, SoftPerson, Wish
 from ergoqp.problem.geometry import pose_error
-from ergoqp.rest.person import Senses
+from ergoqp.rest.person import SensorModel
 
 
 class FollowerPerson(SoftPerson):
@@ -44,7 +44,7 @@ class DeadZoneHolding(SoftHolding):
     """A person whose trunk and legs stay until the object is far from where they came to rest."""
 
     def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
     ) -> None:
         """Hold the object, with the body at rest."""
         super().__init__(person, posture, senses, seed)
@@ -153,7 +153,7 @@ class PushedHolding(SoftHolding):
     """A person who is pushed at the shoulders from time to time."""
 
     def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
     ) -> None:
         """Hold the object, and plan the first push."""
         super().__init__(person, posture, senses, seed)
@@ -223,7 +223,7 @@ class SteppingHolding(SoftHolding):
     """A person whose feet follow the object."""
 
     def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
     ) -> None:
         """Hold the object with both feet on the floor. Its place at ease is relative to them."""
         super().__init__(person, posture, senses, seed)
@@ -370,7 +370,7 @@ class TremblingHolding(SoftHolding):
     """A person whose arms shake while they work. At rest, for the judgement, they do not shake."""
 
     def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
     ) -> None:
         """Hold the object."""
         super().__init__(person, posture, senses, seed)
@@ -408,7 +408,7 @@ class TremblingPerson(SoftPerson):
     holding: ClassVar[type[SoftHolding]] = TremblingHolding
 
     @classmethod
-    def senses_of(cls, senses: Senses, rng: np.random.Generator) -> Senses:
+    def senses_of(cls, senses: SensorModel, rng: np.random.Generator) -> SensorModel:
         """Return the senses of these people: constant errors of all joints, and lost frames."""
         sd, most = BIAS_DEG
         bias = np.round(np.clip(rng.normal(0.0, sd, len(JOINTS)), -most, most), 1)

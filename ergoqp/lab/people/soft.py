@@ -34,7 +34,7 @@ from ergoqp.lab.people.habits import (
 )
 from ergoqp.problem.geometry import LONGEST_SHIFT, LONGEST_TURN, between, straight
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.person import Holding, Person, Senses, draw_senses
+from ergoqp.rest.person import Holding, Person, SensorModel, draw_senses
 
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 
@@ -70,7 +70,7 @@ class SoftBody(Person):
     kind: ClassVar[str]
     manner: ClassVar[str]
 
-    def __init__(self, body: Body, work: Work, habits: Habits, senses: Senses) -> None:
+    def __init__(self, body: Body, work: Work, habits: Habits, senses: SensorModel) -> None:
         """Store the parts, and compute stiffness and damping."""
         self._body, self.work, self.habits, self._senses = body, work, habits, senses
         self.tasks = BodyTasks(body)
@@ -96,7 +96,7 @@ class SoftBody(Person):
         return self.habits.comfort
 
     @property
-    def senses(self) -> Senses:
+    def senses(self) -> SensorModel:
         """Sensors between the person and the controller."""
         return self._senses
 
@@ -218,7 +218,7 @@ class SoftHolding(Holding):
     """
 
     def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
     ) -> None:
         """Hold the object as in the posture."""
         self._person, self.senses, self.seed = person, senses, seed
@@ -472,11 +472,13 @@ class SoftPerson(SoftBody):
         return habits
 
     @classmethod
-    def senses_of(cls, senses: Senses, rng: np.random.Generator) -> Senses:
+    def senses_of(cls, senses: SensorModel, rng: np.random.Generator) -> SensorModel:
         """Return the senses of people of this kind, from senses drawn as for everybody."""
         return senses
 
-    def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
+    def hold(
+        self, posture: np.ndarray, senses: SensorModel | None = None, seed: int = 0
+    ) -> SoftHolding:
         """Return the person holding the object in a posture (32,) [rad]."""
         return self.holding(self, posture, senses or self.senses, seed)
 
@@ -489,7 +491,7 @@ class SoftPerson(SoftBody):
         reached = held.carry(pose)
         return held.posture, reached
 
-    def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
+    def at(self, pose: np.ndarray, senses: SensorModel | None = None, seed: int = 0) -> SoftHolding:
         """Return the person at rest with the object at `pose` (4, 4), carried there from comfort.
 
         A person who stepped on the way stays at their new place.

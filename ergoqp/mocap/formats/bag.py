@@ -37,7 +37,7 @@ from ergoqp.mocap.formats.bag_series import (
     turns_of,
 )
 from ergoqp.mocap.formats.opensim import tell_person
-from ergoqp.mocap.formats.text import BAG_MARKS, Asked, beginning, poses_of, short, some
+from ergoqp.mocap.formats.text import BAG_MARKS, TableOptions, beginning, poses_of, short, some
 from ergoqp.mocap.recording import JointMotion
 
 _METADATA: Final = "metadata.yaml"
@@ -267,7 +267,7 @@ _EVERY: Final = 100
 """Messages between two calls of the progress."""
 
 
-def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_bag(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return the person, the poses of objects and the joint angles in a bag.
 
     A person is shown by markers of body tracking or by moving coordinate frames. Poses and angles

@@ -23,10 +23,10 @@ import numpy as np
 
 from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import InputError, RecordingError
-from ergoqp.files.atomic import write_whole
+from ergoqp.files.atomic import write_text_atomic
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.mocap.formats.text import Asked, binary, repeated, short
+from ergoqp.mocap.formats.text import TableOptions, binary, repeated, short
 from ergoqp.mocap.recording import JointMotion
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -313,7 +313,9 @@ def _plain(text: str) -> bool:
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
-def read_bvh(path: Path, progress: Progress = unseen, asked: Asked | None = None) -> JointMotion:
+def read_bvh(
+    path: Path, progress: Progress = unseen, asked: TableOptions | None = None
+) -> JointMotion:
     """Read a BVH file.
 
     End sites are not joints: they state the drawn length of the last bone, not a measured point.
@@ -471,7 +473,7 @@ def write_bvh(
     lines += ["MOTION", f"Frames: {frames}", f"Frame Time: {frame_time:.9g}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in np.hstack(columns)]
     path = Path(path)
-    write_whole(path, "\n".join(lines) + "\n")
+    write_text_atomic(path, "\n".join(lines) + "\n")
     return path
 
 

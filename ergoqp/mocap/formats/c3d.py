@@ -31,7 +31,7 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import Asked, binary, repeated, seconds, short, some
+from ergoqp.mocap.formats.text import TableOptions, binary, repeated, seconds, short, some
 from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
@@ -443,7 +443,7 @@ _SUBJECT: Final = "PROCESSING"
 """Group in which Vicon's programs store the measures of the person."""
 
 
-def read_c3d(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return the labelled markers of a file, and its joint angles.
 
     A point that no camera sees, or at the origin, is not seen.

@@ -12,8 +12,8 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    Asked,
-    Gathered,
+    GrowableArray,
+    TableOptions,
     TextLines,
     is_number,
     once,
@@ -104,7 +104,7 @@ _LEAST: Final = 0.3
 
 
 @dataclass(frozen=True)
-class Sure:
+class ConfidenceColumn:
     """A confidence column of a point.
 
     Attributes:
@@ -118,13 +118,13 @@ class Sure:
     head: str
 
 
-class Doubts:
+class ConfidenceFilter:
     """Values of the confidence columns, gathered block by block."""
 
-    def __init__(self, columns: Sequence[Sure]) -> None:
+    def __init__(self, columns: Sequence[ConfidenceColumn]) -> None:
         """Begin without rows of these columns."""
         self._columns = columns
-        self._values = Gathered()
+        self._values = GrowableArray()
         self._most = dict.fromkeys([each.head for each in columns], 0.0)
         self._levels = dict.fromkeys(self._most, True)
 
@@ -321,7 +321,7 @@ class Layout:
     points: dict[str, tuple[int, int, int]]
     width: int
     heads: Sequence[str] = ()
-    sure: Sequence[Sure] = ()
+    sure: Sequence[ConfidenceColumn] = ()
     time: int | None = None
     fine: int | None = None
     tick: float | None = None
@@ -405,7 +405,11 @@ def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
     alike: dict[str, list[int]] = {}
     for i, name in enumerate(points):
         alike.setdefault(name.lower(), []).append(i)
-    sure = [Sure(column, i, head) for stem, head, column in found.sure for i in alike.get(stem, ())]
+    sure = [
+        ConfidenceColumn(column, i, head)
+        for stem, head, column in found.sure
+        for i in alike.get(stem, ())
+    ]
     time, fine = _with_nanoseconds(row, found.time)
     return Layout(
         points,
@@ -422,7 +426,7 @@ def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
     )
 
 
-def layout_asked(lines: TextLines, first: list[str], asked: Asked) -> Layout:
+def layout_asked(lines: TextLines, first: list[str], asked: TableOptions) -> Layout:
     """Return the layout of a table without names.
 
     Args:

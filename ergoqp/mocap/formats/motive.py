@@ -18,8 +18,8 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    Asked,
-    Gathered,
+    GrowableArray,
+    TableOptions,
     TextLines,
     binary,
     blocks,
@@ -73,7 +73,7 @@ class _Thing:
         return [found[axis] for axis in axes] if all(axis in found for axis in axes) else None
 
 
-def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return bones and rigid bodies of a take, or its labelled markers if it has no bones.
 
     Args:
@@ -108,7 +108,7 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         oriented = [thing for thing in taken if thing.of("Rotation")]
         columns = [c for thing in taken for c in thing.of("Position") or ()]
         turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
-        numbered, places, turns = Gathered(), Gathered(), Gathered()
+        numbered, places, turns = GrowableArray(), GrowableArray(), GrowableArray()
         for values in blocks(lines, ",", width):
             share, count = lines.share, len(values)
             numbered.add(values[:, :2], share)

@@ -24,8 +24,8 @@ from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
     LARGEST,
-    Asked,
-    Gathered,
+    GrowableArray,
+    TableOptions,
     binary,
     count_of,
     repeated,
@@ -62,8 +62,8 @@ class Wearer:
     joints: list[str] = field(default_factory=list)
     indices: list[int] = field(default_factory=list)
     posed: int = 0
-    gathered: tuple[Gathered, Gathered, Gathered] = field(
-        default_factory=lambda: (Gathered(), Gathered(), Gathered())
+    gathered: tuple[GrowableArray, GrowableArray, GrowableArray] = field(
+        default_factory=lambda: (GrowableArray(), GrowableArray(), GrowableArray())
     )
     _block: list[list[float]] = field(default_factory=list)
     _width: int = 0
@@ -284,7 +284,7 @@ _DEEPEST: Final = 50
 """Largest depth of nested elements; Xsens has seven."""
 
 
-def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_mvnx(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return segments and joint angles of a recording; its calibration poses are left out.
 
     With several people, the names get the person as a prefix: "Anna:Pelvis".

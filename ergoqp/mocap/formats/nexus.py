@@ -16,8 +16,8 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    Asked,
-    Gathered,
+    GrowableArray,
+    TableOptions,
     TextLines,
     binary,
     blocks,
@@ -43,7 +43,7 @@ def section_of(row: str) -> str | None:
     return word if word in SECTIONS else None
 
 
-def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return the labelled markers of a trial.
 
     Args:
@@ -71,7 +71,7 @@ def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         if len(units) != 1 or not units <= set(_UNITS):
             lines.fail(f"got the units {short(', '.join(sorted(units)))}, allowed mm, cm or m")
         columns = [first + i for first in points.values() for i in range(3)]
-        frames, places = Gathered(), Gathered()
+        frames, places = GrowableArray(), GrowableArray()
         for values in blocks(lines, separator, len(axes)):
             frames.add(values[:, 0], lines.share)
             block = values[:, columns].astype(np.float32).reshape(len(values), -1, 3)

@@ -40,8 +40,8 @@ from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.mocap.formats.opensim_models import MODELS, OpenSimModel, Step
 from ergoqp.mocap.formats.text import (
-    Asked,
-    Gathered,
+    GrowableArray,
+    TableOptions,
     TextLines,
     binary,
     blocks,
@@ -66,7 +66,7 @@ LENGTHS: Final = ("_tx", "_ty", "_tz", "transx", "transy", "transz")
 """Endings of the names of columns that are lengths and not angles."""
 
 
-def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return the joint angles of a motion file.
 
     Args:
@@ -102,7 +102,7 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             lines.fail(f"got no name for column {names.index('') + 1}, allowed a name for each")
         if len(set(names)) < len(names):
             lines.fail("got a column twice, allowed each once")
-        rows = Gathered()
+        rows = GrowableArray()
         for block in blocks(lines, separator, len(names)):
             rows.add(block, lines.share)
     if not rows:

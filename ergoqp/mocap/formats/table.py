@@ -19,7 +19,7 @@ from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.columns import (
     Clock,
-    Doubts,
+    ConfidenceFilter,
     Layout,
     People,
     layout_asked,
@@ -29,9 +29,9 @@ from ergoqp.mocap.formats.columns import (
 )
 from ergoqp.mocap.formats.text import (
     EMPTY,
-    Asked,
-    Chosen,
-    Gathered,
+    ColumnSelection,
+    GrowableArray,
+    TableOptions,
     TextLines,
     binary,
     blocks,
@@ -54,7 +54,7 @@ _BLANK: Final = 1000
 _RATE: Final = "; or state the frames per second (rate)"
 
 
-def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return the points of a table of positions.
 
     Positions with a low confidence are taken as not seen, if the table states a confidence. With
@@ -102,8 +102,8 @@ class _Table:
         self._layout = layout
         self._rate = rate
         self._people = People()
-        self._doubts = Doubts(layout.sure)
-        self._places, self._keys, self._whose = Gathered(), Gathered(), Gathered()
+        self._doubts = ConfidenceFilter(layout.sure)
+        self._places, self._keys, self._whose = GrowableArray(), GrowableArray(), GrowableArray()
         self._points = [c for columns in layout.points.values() for c in columns]
         several = layout.whose is not None
         # Frame numbers identify the frames of several people, however coarse the times are.
@@ -116,7 +116,7 @@ class _Table:
             self._key = layout.time if rate is None or several else None
         self._fine = layout.fine if self._key is not None and not self._numbered else None
 
-    def chosen(self, lines: TextLines, words: list[str], line: int) -> Chosen:
+    def chosen(self, lines: TextLines, words: list[str], line: int) -> ColumnSelection:
         """Return the columns that are read.
 
         Args:
@@ -146,7 +146,7 @@ class _Table:
             told[columns.index(self._key, len(self._points))] = Clock(layout.head(self._key))
         if layout.whose is not None:
             told[len(columns) - 1] = self._people
-        return Chosen(columns, told)
+        return ColumnSelection(columns, told)
 
     def unread(self, words: list[str]) -> list[str]:
         """Return a sentence with the columns that are not read although a user may expect it."""

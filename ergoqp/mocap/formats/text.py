@@ -211,7 +211,7 @@ LARGEST: Final = 1e30
 
 
 @dataclass(frozen=True)
-class Asked:
+class TableOptions:
     """Options that supply what a file may lack.
 
     Attributes:
@@ -224,7 +224,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ColumnSelection:
     """The columns of a table that are read.
 
     Attributes:
@@ -238,7 +238,7 @@ class Chosen:
 
 
 @dataclass
-class Gathered:
+class GrowableArray:
     """Blocks that become one array, allocated at its expected size to hold each block only once."""
 
     _all: np.ndarray | None = None
@@ -279,7 +279,7 @@ def blocks(
     separator: str | None,
     width: int,
     blanks: bool = False,
-    chosen: Chosen | None = None,
+    chosen: ColumnSelection | None = None,
 ) -> Iterator[np.ndarray]:
     """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
 
@@ -353,7 +353,7 @@ def _values(
     row: str,
     separator: str | None,
     width: int,
-    chosen: Chosen | None,
+    chosen: ColumnSelection | None,
 ) -> list[float]:
     """Return the numbers of a row."""
     words = row.split(separator)

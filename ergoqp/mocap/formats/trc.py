@@ -16,8 +16,8 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    Asked,
-    Gathered,
+    GrowableArray,
+    TableOptions,
     TextLines,
     binary,
     blocks,
@@ -36,7 +36,7 @@ UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inc
 UNITS_WORDS: Final = {"millimeters": 0.001, "centimeters": 0.01, "meters": 1.0}
 
 
-def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
     """Return the markers of a file.
 
     Args:
@@ -72,7 +72,7 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         if "x" not in (below := lines.next("the names of the coordinates")).lower():
             lines.fail(f"got {short(below)}, allowed X1, Y1, Z1 and so on")
         width = 2 + 3 * len(names)
-        stamps, places = Gathered(), Gathered()
+        stamps, places = GrowableArray(), GrowableArray()
         for rows in blocks(lines, separator, width):
             stamps.add(rows[:, 1], lines.share)
             block = rows[:, 2:].astype(np.float32).reshape(len(rows), -1, 3)

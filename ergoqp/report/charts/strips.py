@@ -251,7 +251,7 @@ class Spot:
     """A marked place.
 
     Attributes:
-        point: place of the object (5,), see `ergoqp.placing.place.Placing`.
+        point: place of the object (5,), see `ergoqp.placing.place.PoseParametrization`.
         name: name beside it, empty for none.
         style: class of the dot, ``"spot"`` or ``"spot other"``.
     """

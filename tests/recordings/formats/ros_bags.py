@@ -18,7 +18,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ergoqp.mocap.formats.bag import read_bag
-from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.formats.text import TableOptions
 from ergoqp.mocap.recording import JointMotion
 
 BEGIN = 1_600_000_000_000_000_000
@@ -144,7 +144,7 @@ class Bag:
 
 
 def read(path: Path) -> JointMotion:
-    return read_bag(path, lambda share: None, Asked())
+    return read_bag(path, lambda share: None, TableOptions())
 
 
 def body(number: int, height: float) -> dict[int, tuple[float, float, float]]:

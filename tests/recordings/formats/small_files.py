@@ -9,10 +9,10 @@ import pytest
 
 from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.formats.text import TableOptions
 from ergoqp.mocap.recording import JointMotion
 
-Reader = Callable[[Path, Progress, Asked], JointMotion]
+Reader = Callable[[Path, Progress, TableOptions], JointMotion]
 
 TABLE = """time,neck.x,neck.y,neck.z,hip.x,hip.y,hip.z
 0.0,1,2,3,4,5,6
@@ -113,7 +113,7 @@ def write(path: Path, content: str | bytes) -> Path:
 def read(
     reader: Reader, path: Path, columns: tuple[str, ...] = (), rate: float | None = None
 ) -> JointMotion:
-    return reader(path, unseen, Asked(columns, rate))
+    return reader(path, unseen, TableOptions(columns, rate))
 
 
 def refused(

@@ -12,7 +12,7 @@ from ros_bags import KINDS, LIFTED, Bag, body, read
 from ergoqp.mocap.formats.bag import is_bag_folder, read_bag
 from ergoqp.mocap.formats.bag_series import KINECT
 from ergoqp.mocap.formats.table import read_table
-from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.formats.text import TableOptions
 
 TIMES = np.arange(10) / 10
 
@@ -31,8 +31,8 @@ def ros1(tmp_path: Path) -> Bag:
 def test_the_shared_bag_is_its_table(shared: Path) -> None:
     path = shared / "mocap/kinect/azure_kinect_body_tracking_part1.bag"
     shares: list[float] = []
-    motion = read_bag(path, shares.append, Asked())
-    table = read_table(path.with_suffix(".csv"), lambda share: None, Asked())
+    motion = read_bag(path, shares.append, TableOptions())
+    table = read_table(path.with_suffix(".csv"), lambda share: None, TableOptions())
     assert motion.names == table.names
     seen = np.isfinite(motion.positions).all(axis=(1, 2))
     assert np.isnan(motion.positions[~seen]).all()

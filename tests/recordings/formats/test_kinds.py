@@ -18,7 +18,7 @@ from small_files import MOTIVE, MVNX, STORAGE, TABLE, TRC, write
 from ergoqp.arguments import unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.mocap import readers
-from ergoqp.mocap.formats.text import Asked
+from ergoqp.mocap.formats.text import TableOptions
 from ergoqp.mocap.readers import KINDS, READERS, Kind, kind_of, read_motion
 from ergoqp.registry import GROUPS
 
@@ -63,8 +63,8 @@ def test_the_content_is_surer_than_the_ending(name: str, ending: str, tmp_path: 
             f"The file is read as {kind.title} because of its content, although its ending is"
             f" {path.suffix.lower() or 'none'}."
         ]
-    assert list(motion.notes) == [*notes, *kind.read(path, unseen, Asked()).notes]
-    stated = read_motion(path, asked=Asked(("neck",), 10.0))
+    assert list(motion.notes) == [*notes, *kind.read(path, unseen, TableOptions()).notes]
+    stated = read_motion(path, asked=TableOptions(("neck",), 10.0))
     assert stated.notes[len(notes) :] == (
         "The stated names (columns) are not used: only a table can lack names.",
         "The stated frames per second (rate) are not used: the file has its own times.",
@@ -103,7 +103,7 @@ def test_what_has_no_mark_is_what_its_ending_tells(ending: str, tmp_path: Path) 
         assert kind_of(write(tmp_path / f"take{ending}", content)) is expected
     assert kind_of(tmp_path / f"missing{ending}") is kind
     with pytest.raises(RecordingError, match=f"got no file .*missing{ending}"):
-        read_motion(tmp_path / f"missing{ending}", asked=Asked(rate=10))
+        read_motion(tmp_path / f"missing{ending}", asked=TableOptions(rate=10))
 
 
 @pytest.mark.parametrize(

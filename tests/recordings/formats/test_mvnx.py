@@ -76,7 +76,7 @@ def test_blocks_are_as_the_whole(
     whole = read(read_mvnx, path)
     monkeypatch.setattr(mvnx, "_BLOCK", block)
     told: list[float] = []
-    motion = read_mvnx(path, told.append, mvnx.Asked())
+    motion = read_mvnx(path, told.append, mvnx.TableOptions())
     np.testing.assert_array_equal(motion.positions, whole.positions)
     np.testing.assert_array_equal(motion.turns["L5"], whole.turns["L5"])
     assert told == sorted(told)

@@ -16,8 +16,8 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX
 from ergoqp.mocap.formats.opensim import posed, read_storage
 from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR, UPPER_LIMB
-from ergoqp.mocap.formats.text import Asked
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.formats.text import TableOptions
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion, Recording
 
@@ -296,7 +296,7 @@ def test_lengths_of_a_states_file_stay_lengths(tmp_path: Path):
         "time\t/jointset/ground_pelvis/pelvis_tilt/value\t/jointset/ground_pelvis/pelvis_ty/value\n"
         "0\t90\t0.9\n0.1\t90\t0.9\n"
     )
-    angles = read_storage(path, unseen, Asked()).angles
+    angles = read_storage(path, unseen, TableOptions()).angles
     assert [each[0] for each in angles.values()] == pytest.approx([np.pi / 2, 0.9])
 
 
@@ -363,7 +363,7 @@ def test_the_person_may_be_given():
 
 def fitted(given: JointMotion) -> tuple[Recording, dict[str, np.ndarray], Rotation]:
     """What comes of it, the body's centres, and the axes of its trunk."""
-    recording = recording_of(posed(given, "some.mot"), "some.mot", Reading(unit=1.0, up="y"))
+    recording = recording_of(posed(given, "some.mot"), "some.mot", ReadOptions(unit=1.0, up="y"))
     poses = recording.base_poses
     yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     centres = centres_of(
@@ -428,7 +428,9 @@ def test_the_fitted_joints_are_those_of_the_file():
 
 @pytest.mark.parametrize("name", ["ABD01", "FLX21"])
 def test_the_arm_is_raised_by_scapula_and_shoulder(name: str, shared: Path):
-    given = read_storage(shared / "mocap" / "mot" / f"thoracoscapular_{name}.mot", unseen, Asked())
+    given = read_storage(
+        shared / "mocap" / "mot" / f"thoracoscapular_{name}.mot", unseen, TableOptions()
+    )
     recording, centres, trunk = fitted(given)
     arm = to_down(trunk.inv().apply(centres["right_elbow"] - centres["right_shoulder"]))
     # OpenSim itself has the arm overhead: at 159 and 158 degrees, from 10 and 9.
@@ -446,7 +448,7 @@ def test_the_arm_is_raised_by_scapula_and_shoulder(name: str, shared: Path):
 
 
 def test_squats_have_the_angles_of_their_file(shared: Path):
-    given = read_storage(shared / "mocap" / "mot" / "opencap_squats.mot", unseen, Asked())
+    given = read_storage(shared / "mocap" / "mot" / "opencap_squats.mot", unseen, TableOptions())
     recording, centres, _ = fitted(given)
     angle = given.angles
     pelvis = turned(angle, "ZXY", "pelvis_tilt", "pelvis_list", "pelvis_rotation")
@@ -473,7 +475,7 @@ def test_squats_have_the_angles_of_their_file(shared: Path):
 
 def test_the_hand_lifts_the_box(shared: Path):
     path = shared / "mocap" / "mot" / "pyomeca_box_ik_comma_badcount.mot"
-    given = read_storage(path, unseen, Asked())
+    given = read_storage(path, unseen, TableOptions())
     recording, centres, trunk = fitted(given)
     arm = to_down(trunk.inv().apply(centres["right_elbow"] - centres["right_shoulder"]))
     # By OpenSim, with pyomeca's model.

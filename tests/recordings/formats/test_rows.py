@@ -12,7 +12,7 @@ from ergoqp.arguments import unseen
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats import text
 from ergoqp.mocap.formats.text import (
-    Gathered,
+    GrowableArray,
     TextLines,
     blocks,
     cells,
@@ -193,7 +193,7 @@ def test_what_parts_columns() -> None:
 @pytest.mark.parametrize("shares", [(1.0, 1.0, 1.0), (0.3, 0.6, 1.0), (0.9, 0.99, 1.0), (0, 0, 0)])
 def test_blocks_become_one_array(shares: tuple[float, ...]) -> None:
     values = np.arange(36.0).reshape(12, 3)
-    gathered = Gathered()
+    gathered = GrowableArray()
     assert not gathered
     gathered.add(values[:0], 0.1)
     for part, share in zip(np.split(values, [4, 9]), shares, strict=True):

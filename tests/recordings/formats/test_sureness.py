@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.mocap.formats.columns import Doubts, Sure
+from ergoqp.mocap.formats.columns import ConfidenceColumn, ConfidenceFilter
 
 NAN = np.nan
 
@@ -26,7 +26,7 @@ NAN = np.nan
     ],
 )
 def test_what_is_seen_on_each_scale(values: list[float], seen: list[int], words: str) -> None:
-    doubts = Doubts([Sure(3, 1, "score")])
+    doubts = ConfidenceFilter([ConfidenceColumn(3, 1, "score")])
     rows = np.array(values)[:, None]
     doubts.add(rows[:1], 0.1)
     doubts.add(rows[1:], 1.0)
@@ -41,7 +41,13 @@ def test_what_is_seen_on_each_scale(values: list[float], seen: list[int], words:
 
 
 def test_columns_that_are_called_differently_have_scales_of_their_own() -> None:
-    doubts = Doubts([Sure(3, 0, "state"), Sure(4, 0, "score"), Sure(5, 1, "score")])
+    doubts = ConfidenceFilter(
+        [
+            ConfidenceColumn(3, 0, "state"),
+            ConfidenceColumn(4, 0, "score"),
+            ConfidenceColumn(5, 1, "score"),
+        ]
+    )
     doubts.add(np.array([[0, 0.9, 0.9], [2, 0.2, 0.9], [1, 0.4, 0.9]]), 1.0)
     positions = np.ones((3, 2, 3), np.float32)
     assert [note[:6] for note in doubts.blank(positions)] == ["1 of 6", "1 of 6"]
@@ -49,8 +55,8 @@ def test_columns_that_are_called_differently_have_scales_of_their_own() -> None:
 
 
 def test_where_everything_is_seen_nothing_is_said() -> None:
-    assert Doubts([]).blank(np.ones((2, 1, 3))) == []
-    doubts = Doubts([Sure(3, 0, "score")])
+    assert ConfidenceFilter([]).blank(np.ones((2, 1, 3))) == []
+    doubts = ConfidenceFilter([ConfidenceColumn(3, 0, "score")])
     doubts.add(np.array([[0.9], [0.1]]), 1.0)
     # What is blank anyway is not lost by its score.
     assert doubts.blank(np.array([[[1.0, 1, 1]], [[NAN, NAN, NAN]]])) == []

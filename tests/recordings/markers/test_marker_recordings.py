@@ -14,7 +14,7 @@ from benchmarks.made_motions import RATE
 from ergoqp.errors import RecordingError
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.fitting.axes import UPS, axes_of
-from ergoqp.mocap.load import Reading, recording_of
+from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.recording import JointMotion
 
 SHORT = slice(300, 480)
@@ -137,17 +137,19 @@ def taken(**given: object) -> JointMotion:
 
 @pytest.mark.slow
 def test_widths_that_vicon_measured_are_used() -> None:
-    recording = recording_of(taken(), "take.c3d", Reading())
+    recording = recording_of(taken(), "take.c3d", ReadOptions())
     assert "57 mm at the knee, 43 at the ankle, 44 at the elbow" in said(recording)
     assert "(adult averages)" in said(recording)
     assert worst(recording) < 0.1
     sides = {f"{side}{name}": size for side in "lr" for name, size in (("kneewidth", 0.13),)}
-    wide = recording_of(taken(measures=sides), "take.c3d", Reading())
+    wide = recording_of(taken(measures=sides), "take.c3d", ReadOptions())
     assert "72 mm at the knee" in said(wide)
     assert "(as measured in the file)" in said(wide)
     assert 0.1 < worst(wide) < OFF
     absurd = {name: 13.0 for name in sides}
-    assert "(adult averages)" in said(recording_of(taken(measures=absurd), "take.c3d", Reading()))
+    assert "(adult averages)" in said(
+        recording_of(taken(measures=absurd), "take.c3d", ReadOptions())
+    )
 
 
 def test_a_neutral_pose_of_another_unit(tmp_path: Path) -> None:

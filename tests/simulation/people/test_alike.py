@@ -8,15 +8,17 @@ import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.model_person import REACHED, Alike, sample_person
+from ergoqp.rest.model_person import REACHED, ModelPerson, sample_person
 
 
 @pytest.fixture(scope="module", params=TASKS)
-def person(request: pytest.FixtureRequest) -> Alike:
+def person(request: pytest.FixtureRequest) -> ModelPerson:
     return sample_person(load_problem(request.param), seed=2)
 
 
-def test_at_rest_the_person_holds_the_object_and_stands_where_they_stood(person: Alike) -> None:
+def test_at_rest_the_person_holds_the_object_and_stands_where_they_stood(
+    person: ModelPerson,
+) -> None:
     comfort = person.response.comfort
     soles, grasp, home = person.stand(comfort), person.grasp(comfort), person.contact(comfort)[0]
     rng, reached_any = np.random.default_rng(0), 0
@@ -37,7 +39,7 @@ def test_at_rest_the_person_holds_the_object_and_stands_where_they_stood(person:
     assert reached_any >= 3
 
 
-def test_what_is_out_of_reach_is_not_reached(person: Alike) -> None:
+def test_what_is_out_of_reach_is_not_reached(person: ModelPerson) -> None:
     comfort = person.response.comfort
     pose = person.contact(comfort)[0].copy()
     pose[0, 3] += 3.0
@@ -46,7 +48,7 @@ def test_what_is_out_of_reach_is_not_reached(person: Alike) -> None:
     assert np.isfinite(posture).all()
 
 
-def test_in_comfort_nobody_moves(person: Alike) -> None:
+def test_in_comfort_nobody_moves(person: ModelPerson) -> None:
     comfort = person.response.comfort
     held = np.hstack([person.contact(comfort)[0] @ grip for grip in person.grasp(comfort)])
     posture, distance, angle = person.move(comfort, held, person.stand(comfort), 0.2, 0.01)

@@ -21,7 +21,7 @@ from ergoqp.lab.people.soft import REACHED, SoftHolding, SoftPerson
 from ergoqp.lab.yardstick import Workspace
 from ergoqp.problem.geometry import pose_error, straight, turned
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.person import LET_GO, Senses
+from ergoqp.rest.person import LET_GO, SensorModel
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.simulate import simulate
 
@@ -487,7 +487,7 @@ def test_the_same_person_with_another_body_keeps_habits_and_senses() -> None:
 def test_what_is_said_beside_a_person_is_not_ignored() -> None:
     problem, person = load_problem("screwing"), soft("follower")
     held = person.hold(person.comfort)
-    for beside in ({"person": person}, {"follower": "mass"}, {"senses": Senses()}):
+    for beside in ({"person": person}, {"follower": "mass"}, {"senses": SensorModel()}):
         name = next(iter(beside))
         with pytest.raises(InputError, match=f"{name}: got one beside a person who holds"):
             simulate(problem, held, 0.1, **beside)
