@@ -1,8 +1,7 @@
 """Small CasADi tools: linear algebra, rigid motions, and functions called on arrays.
 
-Small linear algebra as scalar expressions.
-
-It is for matrices with a structure that CasADi's general routines would not use.
+Small linear algebra as scalar expressions. It is for matrices with a structure that CasADi's
+general routines would not use.
 """
 
 from __future__ import annotations

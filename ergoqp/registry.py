@@ -1,10 +1,9 @@
 """What is found outside the code: folders of data and cache, and terms that packages register.
 
-The user's own terms, by the names that problem files and commands use.
-
-A package registers terms as entry points, with one group per kind. A term is imported only
-when it is named. `examples/own_terms` is such a package. A name must be unique: a name that
-two packages register, or that ergoqp itself has, is refused when it is used.
+The user's own terms, by the names that problem files and commands use. A package registers terms as
+entry points, with one group per kind. A term is imported only when it is named.
+`examples/own_terms` is such a package. A name must be unique: a name that two packages register, or
+that ergoqp itself has, is refused when it is used.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """The QPs of real closed loops, and sequences of QPs as files for qpbenchmark.
 
-The QPs of real closed loops.
-
 A run is logged, and its steps are computed again with a solver that records its QPs.
 
-Sequences of QPs as files for qpbenchmark.
-
-`ergoqp.comparison.ergoqp_sequences` describes their content.
+Sequences of QPs as files for qpbenchmark. `ergoqp.comparison.ergoqp_sequences` describes their
+content.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """The interface of an ergonomic cost, and the base class of all learned costs.
 
-The base class of all learned costs.
-
-Each cost has named inputs, gives numbers and an expression from the same parts, and is saved
-without pickle.
+The base class of all learned costs. Each cost has named inputs, gives numbers and an expression
+from the same parts, and is saved without pickle.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """A small network that learns the sheet from millions of labelled postures.
 
-A small network that learns the sheet from millions of labelled postures.
-
 The idea is that of DULA and DEBA (Yazdani et al., 2022).
 
 A score is constant between band ends, and each band end belongs to one joint. So the first

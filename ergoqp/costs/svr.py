@@ -1,15 +1,12 @@
 """Support vector regression of the score, and fewer kernels in place of thousands.
 
-Fewer kernels: a sum of hundreds of kernels that replaces one of thousands.
-
-The difference is measured and kept with the cost.
+Fewer kernels: a sum of hundreds of kernels that replaces one of thousands. The difference is
+measured and kept with the cost.
 
 Each control step evaluates every centre, so time grows with their number. Nearby centres are
 nearly redundant. So some centres are selected, or replaced by the middles of groups. The
 weights are then fitted to the values of the full sum, by least squares with a small ridge (the
 subset of regressors that belongs to the Nystroem approximation).
-
-Support vector regression of the score, with a fitted scaling of the inputs.
 
 This regression is the second surrogate of the EPFL report.
 

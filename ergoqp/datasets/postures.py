@@ -1,16 +1,13 @@
 """Random postures with the same number for every score, as one data set or as an endless stream.
 
-Random postures with the same number for every score, to fit and to test costs.
-
 Low scores are rare: if every joint is drawn from a random band, REBA 1 occurs about once in 40
 000 draws. Rejection sampling is not needed. Joints are independent and each is read by one
 segment, so the probabilities of the drawn bands are a finite table. The score divides that
 table into parts. Drawing from the part with the wanted score gives exactly the postures that
 rejection would keep.
 
-Data sets of random postures with the same number of postures for every score.
-
-The scores are those of the sheet, or those of the EPFL report's simplified rules.
+Data sets of random postures with the same number of postures for every score. The scores are those
+of the sheet, or those of the EPFL report's simplified rules.
 """
 
 from __future__ import annotations

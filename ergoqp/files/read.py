@@ -1,12 +1,9 @@
 """Files of unknown origin: TOML, JSON and npz.
 
-Text files of unknown origin: TOML and JSON.
-
 Every fault of a file gives an error of one sentence.
 
-Arrays from npz files of unknown origin.
-
-The sizes that a file declares are checked before anything is allocated.
+Arrays from npz files of unknown origin. The sizes that a file declares are checked before anything
+is allocated.
 """
 
 from __future__ import annotations

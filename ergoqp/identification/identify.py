@@ -1,16 +1,13 @@
 """Identification of a person from their postures at rest: the most likely traits.
 
-The part of a person's rests that no traits explain, and its prediction at other places.
-
-People are not the model with other parameters. Their rests differ from those of the most likely
-traits by some degrees, and similarly at places close to each other. So what was measured beyond the
-model is a Gaussian process over places. All joints share one width and one noise, the most likely
-ones of `WIDTHS` and `NOISES`. If noise alone is most likely, the process is zero.
+The part of a person's rests that no traits explain, and its prediction at other places. People are
+not the model with other parameters. Their rests differ from those of the most likely traits by some
+degrees, and similarly at places close to each other. So what was measured beyond the model is a
+Gaussian process over places. All joints share one width and one noise, the most likely ones of
+`WIDTHS` and `NOISES`. If noise alone is most likely, the process is zero.
 
 C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, section 2.2
 (prediction) and 5.4 (marginal likelihood). The model is fitted before, not together with it.
-
-Identification of a person from their postures at rest: the most likely traits.
 
 Each measured rest is predicted as the rest of a person with unknown traits. The most likely traits
 minimise the prediction error of all rests plus the deviation from people in general (`traits`). The

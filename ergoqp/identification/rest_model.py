@@ -1,15 +1,13 @@
 """Where a person comes to rest, by unknown traits and what they minimise.
 
-The unknown traits of a person: habits, lengths and a bias of the sensors, with their priors.
-
-The priors are those of people in general, not of a data set. Standard deviations: a factor e for
-the weight of a joint, 15 deg for a favourite angle, 6 % for stature, 4 % for a segment in addition,
-2 deg for the bias of a joint angle. (The within-sex spread of stature is 4 %; the fractions of
+The unknown traits of a person: habits, lengths and a bias of the sensors, with their priors. The
+priors are those of people in general, not of a data set. Standard deviations: a factor e for the
+weight of a joint, 15 deg for a favourite angle, 6 % for stature, 4 % for a segment in addition, 2
+deg for the bias of a joint angle. (The within-sex spread of stature is 4 %; the fractions of
 Drillis and Contini vary by 3 to 5 %.)
 
-The quantity that a person at rest minimises: discomfort, imbalance, strained gaze, lost contact.
-
-At rest the person minimises 1/2 |r|^2 over joints and pelvis, with the residuals
+The quantity that a person at rest minimises: discomfort, imbalance, strained gaze, lost contact. At
+rest the person minimises 1/2 |r|^2 over joints and pelvis, with the residuals
 
     sqrt(w_j) (q_j - c_j),   sqrt(B) (pelvis - middle of the feet),   sqrt(a) gaze,
     sqrt(2) e / d  (hands),  slip / s  (soles),  sqrt(k) max(0, q - u), sqrt(k) max(0, l - q)

@@ -1,16 +1,13 @@
 """The forearm as the state: elbow and wrist of the right arm, six numbers; its true cost.
 
-The true cost of a forearm: the lowest sheet score over all its postures.
-
-These are the postures of the whole body that put elbow and wrist there.
+The true cost of a forearm: the lowest sheet score over all its postures. These are the postures of
+the whole body that put elbow and wrist there.
 
 Neck, legs, left arm, right wrist and pronation are free, so they take their best values. What
 remains is a search over trunk and right arm. Side bend and twist of the trunk are on a grid,
 and everything else follows in closed form (`ergoqp.human.forearm`). If no grid point reaches a
 score but some nearly do, the search continues around these on finer and finer grids. So a
 narrow set of postures is found too.
-
-The forearm as the state: elbow and wrist of the right arm, six numbers.
 
 The package contains its data, its true cost and its descents.
 """

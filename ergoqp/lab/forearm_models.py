@@ -1,20 +1,17 @@
 """The data set and the learned models of the problem ``forearm``, and its descent.
 
-The data set of the forearm: elbow and wrist of random postures, clustered.
-
-Of each cluster only the points with the lowest score are kept.
+The data set of the forearm: elbow and wrist of random postures, clustered. Of each cluster only the
+points with the lowest score are kept.
 
 The score of a posture has causes that elbow and wrist do not show, for example a bent neck or
 the other arm. The EPFL report (section 4.2.3) therefore clusters the points and keeps those
 with the lowest score of their cluster. Their score is due to the forearm.
 
-The learned models of the problem ``forearm``: two costs and the boundary of their data.
+The learned models of the problem ``forearm``: two costs and the boundary of their data. This module
+made the files that come with the package.
 
-This module made the files that come with the package.
-
-Gradient descent in the six coordinates, as in the EPFL report (section 4.2.3).
-
-It is the baseline for the constraints of this package.
+Gradient descent in the six coordinates, as in the EPFL report (section 4.2.3). It is the baseline
+for the constraints of this package.
 
 The variants of the report, in its order: the plain gradient, which changes the length of the
 forearm (figure 20); the same with the length kept (21); with the gradient of a one-class SVM

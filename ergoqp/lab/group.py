@@ -1,7 +1,5 @@
 """The best fixed place of the object for a group of people, for the design of a workplace.
 
-The best fixed place of the object for a group of people, for the design of a workplace.
-
 Everybody is put to rest at the same places: first on a grid over the workspace, then in a
 pattern search from its best places (`ergoqp.lab.group_search`). The exact score of each
 person's rest posture counts. A place that somebody cannot reach is not a place for the group.

@@ -1,8 +1,7 @@
 """The people of a group, a grid of places for all of them, and a pattern search between.
 
-A pattern search from the best places of a grid to places between them.
-
-It minimises the smooth cost of everybody's rest posture.
+A pattern search from the best places of a grid to places between them. It minimises the smooth cost
+of everybody's rest posture.
 
 The search uses values only. The exact score has no useful gradient. The smooth cost at rest
 has one almost everywhere, but S(q) does not give it. S says where the posture goes when the

@@ -1,18 +1,15 @@
 """The yardstick of closed loops: the best place that exists, and simple ways to move the object.
 
-The yardstick of closed loops: the best place that exists for a person and a start.
-
 A place counts if the object is carried to it straight from the start. Its score is the exact
 score of the person's own undisturbed rest there. Places are spread evenly over the workspace.
 Then the neighbourhoods of the best are searched, by the person's own rests. Known places from
 elsewhere may be added. No controller is involved, so the yardstick can be computed before any
 controller runs.
 
-Baselines for controllers: simple ways to move the object, with the same limits.
-
-The object stays in place, or is carried to the place of a rule of thumb or to the best place
-of the model, or follows the gradient of the EPFL report. All keep the speed, acceleration and
-axes of the twist, the workspace and the cone of the tool axis.
+Baselines for controllers: simple ways to move the object, with the same limits. The object stays in
+place, or is carried to the place of a rule of thumb or to the best place of the model, or follows
+the gradient of the EPFL report. All keep the speed, acceleration and axes of the twist, the
+workspace and the cone of the tool axis.
 """
 
 from __future__ import annotations

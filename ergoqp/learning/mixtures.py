@@ -1,11 +1,10 @@
 """Gaussian mixtures: expectation maximisation, and regression of any columns on any others.
 
 Regression by Gaussian mixtures: any columns from any others, with covariance and derivative.
-
 Equations 2.1 to 2.8 of the EPFL report. In the report, the formula for the covariance of one
-component's prediction has Sigma^IO where Sigma^O is correct: conditioned on the input, the
-output of component k has the covariance Sigma_k^O - Sigma_k^OI (Sigma_k^I)^-1 Sigma_k^IO. This
-module computes the correct one.
+component's prediction has Sigma^IO where Sigma^O is correct: conditioned on the input, the output
+of component k has the covariance Sigma_k^O - Sigma_k^OI (Sigma_k^I)^-1 Sigma_k^IO. This module
+computes the correct one.
 """
 
 from __future__ import annotations

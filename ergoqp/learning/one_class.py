@@ -13,9 +13,8 @@ displacement D of the scaled point,
 
     g(u + D) >= g(u) + grad g . D - gamma |D|^2,
 
-from which `ergoqp.limits.OneClassBoundary` builds a row that holds exactly.
-
-The region of the data: a one-class SVM with radial kernels.
+from which `ergoqp.limits.OneClassBoundary` builds a row that holds exactly. The region of the data:
+a one-class SVM with radial kernels.
 
 The decision function is f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0. The scaled point is
 u = (x - mean) / scale, and k(u, s) = exp(-gamma |u - s|^2). A point is inside where f >= 0.

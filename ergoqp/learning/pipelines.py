@@ -1,12 +1,10 @@
 """Reading fitted scikit-learn pipelines, and relevance of each column for a label.
 
-Relevance of each column for a label: length scales by the evidence of a Gaussian process.
-
-For labels y of standardised points and the kernel s^2 exp(-sum_j r_j (x_j - x'_j)^2) + noise,
-the relevances r_j maximise the marginal likelihood (Rasmussen and Williams, Gaussian Processes
-for Machine Learning, 2006, eq. 5.8 and 5.9). Columns that do not matter get values near zero.
-A kernel machine should be fitted to columns times sqrt(r_j), so that the distances are
-meaningful.
+Relevance of each column for a label: length scales by the evidence of a Gaussian process. For
+labels y of standardised points and the kernel s^2 exp(-sum_j r_j (x_j - x'_j)^2) + noise, the
+relevances r_j maximise the marginal likelihood (Rasmussen and Williams, Gaussian Processes for
+Machine Learning, 2006, eq. 5.8 and 5.9). Columns that do not matter get values near zero. A kernel
+machine should be fitted to columns times sqrt(r_j), so that the distances are meaningful.
 """
 
 from __future__ import annotations

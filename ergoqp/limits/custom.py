@@ -1,9 +1,8 @@
 """Limits of users, judged by their rows only, and whether these rows agree with each other.
 
-Whether the rows of a user's limit agree with each other, tried at a few places.
-
-A limit with a wrong gradient, or without the distances that must not be used, would let the object
-through. Nothing else would notice before the checker of a simulation.
+Whether the rows of a user's limit agree with each other, tried at a few places. A limit with a
+wrong gradient, or without the distances that must not be used, would let the object through.
+Nothing else would notice before the checker of a simulation.
 
 Limits that are judged by their rows only, such as the limits of users.
 

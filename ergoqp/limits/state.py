@@ -1,12 +1,10 @@
 """Limits of the state itself: the boundary of the data, and the length of the forearm.
 
-The posture stays where there were data: the boundary of a one-class SVM as one row.
+The posture stays where there were data: the boundary of a one-class SVM as one row. The row holds
+through the whole stop.
 
-The row holds through the whole stop.
-
-The forearm keeps its length: elbow and wrist move as one rigid segment.
-
-Projection keeps the length exactly at every step.
+The forearm keeps its length: elbow and wrist move as one rigid segment. Projection keeps the length
+exactly at every step.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
 """Which names belong to which joint centre or landmark, and guesses of what others mean.
 
-Our names of joint centres, and guesses of what other names mean.
-
 Guess of what unknown joints are, from the words in their names.
 
 The guess is only shown to the user: in a message, and in a mapping file to be checked.
 
-Assignment of a recording's joints to the joint centres of the body, by their names.
-
-The known namings are data. All other names need a mapping file.
+Assignment of a recording's joints to the joint centres of the body, by their names. The known
+namings are data. All other names need a mapping file.
 """
 
 from __future__ import annotations

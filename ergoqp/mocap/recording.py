@@ -1,8 +1,7 @@
 """The motion that every reader returns, and the result of reading a recording.
 
-The result of every reader: a recording's own joints, markers, segments and objects over time.
-
-All are in the recording's own unit and axes.
+The result of every reader: a recording's own joints, markers, segments and objects over time. All
+are in the recording's own unit and axes.
 """
 
 from __future__ import annotations

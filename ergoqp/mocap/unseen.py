@@ -1,17 +1,15 @@
 """Points that a file does not give: from the orientations of segments, and shoulders from elbows.
 
-Points from the orientations of segments, such as the nose and the thumb.
+Points from the orientations of segments, such as the nose and the thumb. In a skeleton whose axes
+are known (`ergoqp.mocap.namings.toml`, ``turned``) they determine the turn of the head, the hands
+and the forearms. If the axes are unknown, the head is assumed to face ahead of the trunk in the
+median over the recording.
 
-In a skeleton whose axes are known (`ergoqp.mocap.namings.toml`, ``turned``) they determine the
-turn of the head, the hands and the forearms. If the axes are unknown, the head is assumed to face
-ahead of the trunk in the median over the recording.
-
-Shoulders that were not tracked, from the elbows that circle about them.
-
-Handling studies often track only a few rigid bodies (head, middle of the shoulders, elbows, hands,
-belt). In the axes of the body between the shoulders an elbow moves on a sphere whose centre is the
-shoulder. If an arm hardly moves, the sphere is hardly determined. The shoulder is then at the side
-of that body, where an average person has it.
+Shoulders that were not tracked, from the elbows that circle about them. Handling studies often
+track only a few rigid bodies (head, middle of the shoulders, elbows, hands, belt). In the axes of
+the body between the shoulders an elbow moves on a sphere whose centre is the shoulder. If an arm
+hardly moves, the sphere is hardly determined. The shoulder is then at the side of that body, where
+an average person has it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The best place of the object for one person: many starts, and the best end by exact score.
 
-One start: a random place, then the program with a cost that narrows from stage to stage.
-
-At the end the person and the sheet judge the result.
+One start: a random place, then the program with a cost that narrows from stage to stage. At the end
+the person and the sheet judge the result.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The single-level program: the place of the object and the rest of the person in it.
 
-The equations of the posture in which the person comes to rest.
-
-They are the optimality conditions of the person, with relaxed complementarity.
+The equations of the posture in which the person comes to rest. They are the optimality conditions
+of the person, with relaxed complementarity.
 
 A person who holds an object comes to rest at
 
@@ -23,8 +22,6 @@ The unknown s is the posture before it is clipped to its ranges. W (s - q) is th
 the ranges (Robinson's normal map), so no inequality and no further unknown is needed. The clip
 is made smooth after Chen, Harker, Kanzow and Smale. This relaxes complementarity to exactly
 (q - l) (q - s) = relaxation^2 / 4.
-
-The single-level program: the place of the object and the rest of the person in it.
 
 It includes starting values, the solver and the residual.
 """

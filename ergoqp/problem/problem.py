@@ -1,7 +1,7 @@
-"""Whether the workspace has a place where a person can hold the object.
+"""The terms of one task: the person, the cost, the response, the limits and the settings.
 
-Only what nobody could use is refused: every place is in a region to keep out of, or out of reach of
-even the tallest.
+A workspace without a place where a person can hold the object is refused. Only what nobody could
+use is: every place is in a region to keep out of, or out of reach of even the tallest.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Checks of the terms of a problem, each by itself and tried at a few drawn postures.
 
-Checks of the terms of a problem, each by itself.
-
 They run when the problem is made, not in the loop.
 
 Whether a user's cost and response are what they say, tried at a few drawn postures.

@@ -1,7 +1,5 @@
 """The page of an offline optimum: before and after, and maps of the score around the place.
 
-The page of an offline optimum: before and after, and maps of the score around the best place.
-
 It also shows all starts and the bound.
 """
 

@@ -1,7 +1,5 @@
 """One self-contained page: its parts, how it is rendered, and numbers for people.
 
-One self-contained page: its parts, and how it is rendered.
-
 Everything except pictures is escaped.
 """
 

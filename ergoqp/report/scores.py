@@ -1,7 +1,5 @@
 """The scores and joint angles of a recording as files: one row per frame, and a summary.
 
-The scores of a recording as files: one row per frame, and a summary.
-
 ``scores.csv`` has one row per frame:
 
 - ``time_s``: time stamp [s];
@@ -15,9 +13,8 @@ The scores of a recording as files: one row per frame, and a summary.
 - ``not_scored``: why not, causes separated by semicolons;
 - ``outside``: joints beyond their range, separated by spaces.
 
-``scores.json`` holds the result of `summary_of`.
-
-The joint angles of a recording as files for other programs.
+``scores.json`` holds the result of `summary_of`. The joint angles of a recording as files for other
+programs.
 
 ``angles.csv`` has one row per frame: ``time_s``; ``scored`` 1 or 0; every joint of
 `ergoqp.joints.JOINTS` as ``<joint>_deg``; ``<side>_elevation_deg`` and

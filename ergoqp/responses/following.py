@@ -24,9 +24,8 @@ An arm that holds nothing: it hangs straight down whatever the trunk does, or st
 The sheet measures the upper arm relative to the trunk and scores both arms. So an arm that hangs
 beside a trunk that leans forward counts as an upper arm in flexion.
 
-The algebra of `ergoqp.responses.ik`: S(q), and joint rates when the object moves or does not.
-
-The algebra of `ergoqp.responses.ik`: joint rates when the object moves, and when it does not.
+The algebra of `ergoqp.responses.ik`: S(q), and joint rates when the object moves or does not. The
+algebra of `ergoqp.responses.ik`: joint rates when the object moves, and when it does not.
 
 All rates of pelvis, trunk, neck and arms together minimise 1/2 v' W v + 1/2 |A v - a|^2 / s^2. The
 rows A v = a are those of the hands, which follow the object, and those of the gaze, which follows

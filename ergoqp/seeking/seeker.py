@@ -1,7 +1,5 @@
 """A control loop that tries places, measures the person at rest in each, and keeps the best.
 
-A control loop that tries places, measures the person at rest in each, and keeps the best.
-
 Descent finds only what lies downhill for the model of the person, and the optimum of the model is
 that of the model person. Which place is better for the real person is measured: by the smooth score
 of their mean posture over one second at rest.

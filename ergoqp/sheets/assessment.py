@@ -1,9 +1,8 @@
 """Exact scores of many postures: the final scores at once, all details and reasons on demand.
 
-Exact scores by a sheet, vectorised: angles give segment scores, tables give the final score.
-
-The functions take a block of joint angles with one contiguous row per joint, so that each
-comparison runs over a whole row of postures. All scores are int8.
+Exact scores by a sheet, vectorised: angles give segment scores, tables give the final score. The
+functions take a block of joint angles with one contiguous row per joint, so that each comparison
+runs over a whole row of postures. All scores are int8.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Parameters of REBA, and task options that joint angles cannot tell.
 
-Task options that joint angles cannot tell: load, shock, coupling, activity, support, stance.
-
-They are explicit inputs. They are checked and never guessed.
+Task options that joint angles cannot tell: load, shock, coupling, activity, support, stance. They
+are explicit inputs. They are checked and never guessed.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@ How far an object in a region to keep out of is from a place outside, in plain n
 It shares no code with the step, which leads the object out by `ergoqp.limits.keep_out`. That file
 says what a way is.
 
-The independent checker: it checks every limit again in plain numpy.
-
 It uses only what was sent and measured.
 
 It shares no code with the step. It checks every twist against speed, acceleration and axes;

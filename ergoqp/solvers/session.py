@@ -1,13 +1,10 @@
 """QPs as data, numeric solvers that stay in memory for sequences of them, and the check of answers.
 
-Numeric solvers that stay in memory, for sequences of QPs outside the control step.
-
 The comparison of solvers uses them.
 
-Check of a QP solver's answer in plain NumPy, independent of the status of the solver.
-
-Three residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity
-norm. A fourth checks the signs of the multipliers, which those three do not show.
+Check of a QP solver's answer in plain NumPy, independent of the status of the solver. Three
+residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity norm. A
+fourth checks the signs of the multipliers, which those three do not show.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The interface of a QP solver, for the control step and for sequences of QPs outside it.
 
-Equal bounds as equalities, for solvers that need a feasible set with an interior.
-
-Other solvers need it because they lose multipliers between equal bounds.
+Equal bounds as equalities, for solvers that need a feasible set with an interior. Other solvers
+need it because they lose multipliers between equal bounds.
 """
 
 from __future__ import annotations

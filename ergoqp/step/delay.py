@@ -4,8 +4,6 @@ Weights of the moving average, and of what a late robot has still to do.
 
 They follow from the ages of the periods alone.
 
-The motion between the plan and the object: averaging, declared delay and lag.
-
 The planned twist u keeps the limits. It is linear in time from period to period, and no measurement
 changes it. The step sends the mean of u over the last W seconds, at the end of the period that it
 is sent for. A mean keeps every convex limit too. Its acceleration is at most that of u, and its

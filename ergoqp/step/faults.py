@@ -1,10 +1,7 @@
 """The fault watch: the measured motion against the declared motion of the robot.
 
-What a reported twist shows of a robot, and the name of its fault.
-
-This runs only where a twist is reported or something is wrong.
-
-Comparison of the measured motion with the declared motion of the robot.
+What a reported twist shows of a robot, and the name of its fault. This runs only where a twist is
+reported or something is wrong.
 
 A difference that the declaration does not explain is a fault and gets a name.
 

@@ -1,20 +1,8 @@
 """The control step as one pure CasADi function: inputs, state, and all parts.
 
-The state that one step hands to the next, and what the next call of a stepper starts from.
-
-The state that one step hands to the next, as one vector.
-
-The same inputs and the same state always give the same answers.
-
-The control step as one pure CasADi function: inputs, their check, and all parts.
-
-Inputs and outputs of a step by name, and the check of every input.
-
-Inputs are checked before anything is computed.
-
-The control step as one pure CasADi function.
-
-Inputs are posture, pose and state. Outputs are a certified twist and its account.
+Inputs are posture, pose and state; they are checked before anything is computed. Outputs are a
+certified twist and its account. The state that one step hands to the next is one vector, and the
+same inputs and the same state always give the same answers.
 """
 
 from __future__ import annotations

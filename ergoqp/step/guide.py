@@ -4,10 +4,9 @@ A guide as users give it: an optimum or a pose.
 
 It is read and checked against the problem.
 
-The term of the objective that draws the object to a guide.
-
-`ergoqp.step.rest` decides when the object is drawn. Travelling changes only the objective.
-Rows, certification and braking are those of every step.
+The term of the objective that draws the object to a guide. `ergoqp.step.rest` decides when the
+object is drawn. Travelling changes only the objective. Rows, certification and braking are those of
+every step.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """What the functions of a control step share, and the step without users' Python code.
 
-The step without what users' Python code computes, for the moment in which that code raises.
-
-Most terms are expressions, in which nothing can be raised. But an expression may call Python,
-through `casadi.Callback`, in a cost, in a response, and in the `measure` of a limit.
+The step without what users' Python code computes, for the moment in which that code raises. Most
+terms are expressions, in which nothing can be raised. But an expression may call Python, through
+`casadi.Callback`, in a cost, in a response, and in the `measure` of a limit.
 """
 
 from __future__ import annotations

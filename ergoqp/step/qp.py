@@ -1,30 +1,21 @@
 """The QP of a step: margins of all rows, data for a set of locked joints, and its answer in passes.
 
-All rows of a step at once, as vectors, and which terms of the problem gave no number.
-
-All rows of a step at once, as vectors; curved rows go through functions of scalars.
-
-An interpreter computes a vector of forty numbers in the time of four scalars. It computes the few
+The rows of a step are computed at once, as vectors; curved rows go through functions of scalars. An
+interpreter computes a vector of forty numbers in the time of four scalars. It computes the few
 dozen scalar operations of a curved row in the time of one vector.
 
-Which terms of the problem gave no usable number in a step.
+A minimum drops NaN, so a limit whose
+margin is NaN would never be broken. The step detects NaN by comparisons that fail with it, and then
+finds here which terms it came from.
 
-A minimum drops NaN, so a limit whose margin is NaN would never be broken. The step detects NaN by
-comparisons that fail with it, and then finds here which terms it came from.
+The step's QP with bounds on the twist and rows through S, and its check. Where braking itself needs
+the room, an exact L1 penalty is added.
 
-The QP of a step: its data for a set of locked joints, its check, and its answer in passes.
+The data of the step's QP, for a given set of locked joints. Every solver and every other
+formulation starts from these data.
 
-The step's QP with bounds on the twist and rows through S, and its check.
-
-Where braking itself needs the room, an exact L1 penalty is added.
-
-The data of the step's QP, for a given set of locked joints.
-
-Every solver and every other formulation starts from these data.
-
-The QP of a step, in locking passes.
-
-Each pass solves, locks joints that would leave their range, and solves again.
+The QP of a step, in locking passes. Each pass solves, locks joints that would leave their range,
+and solves again.
 """
 
 from __future__ import annotations

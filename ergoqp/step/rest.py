@@ -1,8 +1,7 @@
 """When the object rests: hysteresis on the predicted gain, and the trial of a guide.
 
-Rest with hysteresis: the object stops when moving gains too little.
-
-It stays at rest until the predicted gain is clearly large enough again.
+Rest with hysteresis: the object stops when moving gains too little. It stays at rest until the
+predicted gain is clearly large enough again.
 
 The trial of a guide: when the object is drawn to it, and the cost that was found there.
 

@@ -1,8 +1,7 @@
 """What each row asks of the twist of this period: from margins to bounds.
 
-From margins to bounds: what each row asks of the twist of this period.
-
-The bounds keep the whole stop after this period inside.
+From margins to bounds: what each row asks of the twist of this period. The bounds keep the whole
+stop after this period inside.
 
 The object stops along a straight line, see `ergoqp.limits.twist`. With the distance d left, a row
 holds through the stop if A xi <= d / h, with h = dt + t_s / 2 for the longest stop t_s that this
@@ -13,9 +12,8 @@ the row can be slowed only by a = sum |A_i| a_i. So v = d / h holds up to v = a 
 its tangent parabola v^2 = 2 a d - a^2 h^2. While a hard row is approached at v, no axis may speed
 up so much that the stop takes longer than 2 (d / v - dt).
 
-How long a joint outside a range that the user narrowed asks to come back.
-
-It asks for at most twice the time that the return should take.
+How long a joint outside a range that the user narrowed asks to come back. It asks for at most twice
+the time that the return should take.
 """
 
 from __future__ import annotations

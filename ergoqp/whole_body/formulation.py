@@ -1,12 +1,10 @@
 """The step's QP as tasks, constraints and limits of mink, and what the arm does without a solution.
 
-Objectives and equalities of the whole body, as tasks of mink.
+Objectives and equalities of the whole body, as tasks of mink. The unknown is the displacement of
+one period.
 
-The unknown is the displacement of one period.
-
-Limits of the whole body as limits of mink.
-
-They are rows on the displacement of one period, G Delta <= h.
+Limits of the whole body as limits of mink. They are rows on the displacement of one period, G Delta
+<= h.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Poses, Jacobians and distances of person, arm and object, and the terms of the step.
 
-The terms of the control step, evaluated for the whole-body formulation.
-
-They are the data of its QP, and how person and pelvis follow.
+The terms of the control step, evaluated for the whole-body formulation. They are the data of its
+QP, and how person and pelvis follow.
 """
 
 from __future__ import annotations

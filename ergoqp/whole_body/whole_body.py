@@ -1,7 +1,5 @@
 """The control step of person, robot and object together: inputs, answer, and causes in words.
 
-The control step of person, robot and object together.
-
 Inputs are posture and robot; outputs are joint velocities of the robot.
 """
 

@@ -1,10 +1,9 @@
 """The MuJoCo model of one person with mass: segments, inertias, muscles, and their numbers.
 
-Masses and inertias of a person's segments, by sex.
-
-The numbers are those of P. de Leva (1996), "Adjustments to Zatsiorsky-Seluyanov's segment
-inertia parameters", J. Biomechanics 29 (9): masses as shares of the body's mass, and centres
-of mass and radii of gyration as shares of the segments' lengths.
+Masses and inertias of a person's segments, by sex. The numbers are those of P. de Leva (1996),
+"Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (9): masses
+as shares of the body's mass, and centres of mass and radii of gyration as shares of the segments'
+lengths.
 """
 
 from __future__ import annotations

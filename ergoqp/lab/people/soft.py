@@ -1,14 +1,13 @@
 """People who weigh all tasks against each other, and how they follow: overdamped, toward a balance.
 
-How a person with soft tasks follows: overdamped, toward the balance of all tasks.
-
-The person minimises 1/2 |q - comfort|^2 over spreads, with stiff springs that keep the hands
-at their grips, the soles in place and the centre of mass over them. The motion is that of an
-overdamped body, M dq/dt = pulls, by implicit Euler steps. Stiff wishes are met at once, and
-ease is reached within the relaxation time. The pulls are not exactly the gradient of an
-energy: neck and arms move the centre of mass but are not moved for its sake, and a hanging arm
-follows the trunk in one direction. So there may be more than one rest, and which one is
-reached depends on the path. `benchmarks.people` counts where.
+How a person with soft tasks follows: overdamped, toward the balance of all tasks. The person
+minimises 1/2 |q - comfort|^2 over spreads, with stiff springs that keep the hands at their grips,
+the soles in place and the centre of mass over them. The motion is that of an overdamped body, M
+dq/dt = pulls, by implicit Euler steps. Stiff wishes are met at once, and ease is reached within the
+relaxation time. The pulls are not exactly the gradient of an energy: neck and arms move the centre
+of mass but are not moved for its sake, and a hanging arm follows the trunk in one direction. So
+there may be more than one rest, and which one is reached depends on the path. `benchmarks.people`
+counts where.
 """
 
 from __future__ import annotations

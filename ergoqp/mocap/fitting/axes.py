@@ -25,9 +25,8 @@ are assumed to be upright, and nobody is assumed to stand bent backward. Somebod
 all day with the hips above the feet is read as upright; `neutral` has to be stated then. A sentence
 reports every correction.
 
-Conversion of the file's unit and axes to metres with x forward, y left, z up.
-
-What the file does not state is found from the body.
+Conversion of the file's unit and axes to metres with x forward, y left, z up. What the file does
+not state is found from the body.
 
 Check that left and right are named correctly, by the direction in which a body faces.
 

@@ -7,26 +7,20 @@ determined while the arm points straight to the side. The measured value is then
 angle is modelled as a random walk that is measured with a varying accuracy. Its mean given all
 measurements is the solution of a tridiagonal system.
 
-Choice between the two triples of shoulder angles that give the same arm.
+Choice between the two triples of shoulder angles that give the same arm. Flexion f, abduction a and
+rotation r give the same arm as f + 180, 180 - a and r + 180 degrees. The two triples meet where the
+arm points straight to the side. A movement keeps to one of them. Over the whole recording the
+sequence with the least change from frame to frame is chosen (Viterbi's algorithm).
 
-Flexion f, abduction a and rotation r give the same arm as f + 180, 180 - a and r + 180 degrees. The
-two triples meet where the arm points straight to the side. A movement keeps to one of them. Over
-the whole recording the sequence with the least change from frame to frame is chosen (Viterbi's
-algorithm).
+Angles of arms and legs from the directions of their bones, in closed form. A limb's first bone
+gives flexion and abduction of the joint that it hangs from. The next bone gives the rotation about
+the first and the bend between both. Directions are given in the axes of the segment that the limb
+hangs from: x forward, y left, z up. A hanging limb points down.
 
-Angles of arms and legs from the directions of their bones, in closed form.
-
-A limb's first bone gives flexion and abduction of the joint that it hangs from. The next bone gives
-the rotation about the first and the bend between both. Directions are given in the axes of the
-segment that the limb hangs from: x forward, y left, z up. A hanging limb points down.
-
-Pose of the pelvis, and angles of trunk and neck, in closed form.
-
-The pelvis is upright by definition and has the heading of the hips. The trunk is the line from the
-middle of the hips to the base of the neck, with the twist of the shoulders. The neck is the line
-from there to the top of the head, or its base, with the twist of the nose.
-
-Postures from joint centres: every angle in closed form, from the bones that determine it.
+Pose of the pelvis, and angles of trunk and neck, in closed form. The pelvis is upright by
+definition and has the heading of the hips. The trunk is the line from the middle of the hips to the
+base of the neck, with the twist of the shoulders. The neck is the line from there to the top of the
+head, or its base, with the twist of the nose.
 
 A posture is scored by the directions of its bones. The angles are therefore those of the
 recording's own bones, whatever their lengths. The distance between the recorded joint centres and

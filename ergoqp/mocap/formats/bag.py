@@ -1,10 +1,7 @@
 """ROS bags: bodies, coordinate frames, poses and joint angles that ROS nodes published.
 
-Recognition and opening of ROS bags, and the errors for broken ones.
-
-rosbags recognises a bag by its ending. Here the content decides.
-
-ROS bags: bodies, coordinate frames, poses and joint angles that ROS nodes published.
+Recognition and opening of ROS bags, and the errors for broken ones. rosbags recognises a bag by its
+ending. Here the content decides.
 
 ROS 1 writes a file (.bag), ROS 2 a folder with metadata.yaml and its files (.db3 or .mcap). Most
 bags contain the definitions of their messages; those of ROS 2 before Iron do not.

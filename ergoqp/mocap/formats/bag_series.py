@@ -1,19 +1,16 @@
 """Series of messages in a ROS bag, the tree of their frames, and joints published as markers.
 
-Series of messages in a ROS bag, and their values at the frames of a recording.
+Series of messages in a ROS bag, and their values at the frames of a recording. A message has two
+stamps: the sender's, in its header, and the recorder's. Only the sender's states when something was
+seen. It is zero if the sender sets none, and may be of another clock.
 
-A message has two stamps: the sender's, in its header, and the recorder's. Only the sender's states
-when something was seen. It is zero if the sender sets none, and may be of another clock.
+The tree of coordinate frames that ROS nodes publish piece by piece (tf2_msgs/TFMessage). Trackers
+publish a person's joints as coordinate frames in the frame of their camera.
 
-The tree of coordinate frames that ROS nodes publish piece by piece (tf2_msgs/TFMessage).
-
-Trackers publish a person's joints as coordinate frames in the frame of their camera.
-
-Joints that a ROS node publishes as markers (visualization_msgs/MarkerArray).
-
-With the driver of the Azure Kinect, the number of a marker is 100 times the body plus the joint, in
-the order of the body tracking SDK (Azure_Kinect_ROS_Driver, issue 113). The SDK counts bodies from
-1. A body that is lost and found again gets a new number.
+Joints that a ROS node publishes as markers (visualization_msgs/MarkerArray). With the driver of the
+Azure Kinect, the number of a marker is 100 times the body plus the joint, in the order of the body
+tracking SDK (Azure_Kinect_ROS_Driver, issue 113). The SDK counts bodies from 1. A body that is lost
+and found again gets a new number.
 """
 
 from __future__ import annotations

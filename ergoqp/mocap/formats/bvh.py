@@ -1,11 +1,8 @@
 """Biovision hierarchy files (.bvh): joint centres by forward kinematics, and postures as a file.
 
-Biovision hierarchy files (.bvh): joint centres by forward kinematics, all frames at once.
-
-Parser of BVH files: skeleton and numbers, in one pass that trusts nothing in the file.
-
-The rows are read in blocks, because an hour does not fit into memory. The stated number of frames
-is checked, and an early end of the file and NaN are refused. Errors name the line.
+Parser of BVH files: skeleton and numbers, in one pass that trusts nothing in the file. The rows are
+read in blocks, because an hour does not fit into memory. The stated number of frames is checked,
+and an early end of the file and NaN are refused. Errors name the line.
 """
 
 from __future__ import annotations

@@ -6,14 +6,10 @@ A file consists of blocks of 512 bytes: a header, parameters in groups, frames (
 File Format: User Guide"). Integers and floats are those of the computer that wrote it: Intel, DEC
 or MIPS.
 
-Number of frames of a C3D file.
-
-The header counts to 65 535 only, and often counts the frames of the longer recording from which the
-file was cut. Programs state longer counts in three other places (c3d.org, "The C3D frame count").
-Of the stated counts, the one that agrees with the file's length is used. No frames are dropped
-without a message.
-
-C3D files: markers of motion laboratories, with the joint angles that their programs computed.
+Number of frames of a C3D file. The header counts to 65 535 only, and often counts the frames of the
+longer recording from which the file was cut. Programs state longer counts in three other places
+(c3d.org, "The C3D frame count"). Of the stated counts, the one that agrees with the file's length
+is used. No frames are dropped without a message.
 
 The frames are read block by block, because an hour is too large for memory. Points that are not
 markers (joint centres, forces, moments, powers of the laboratory's own model) are not taken as

@@ -1,7 +1,5 @@
 """Xsens MVN's export of a recording as XML: poses of 23 segments, and joint angles.
 
-Xsens MVN's export of a recording as XML: poses of 23 segments, and joint angles.
-
 The position of a segment is that of the joint at which it begins. z is up, lengths are in metres,
 and quaternions are w, x, y, z (Xsens, "MVN User Manual", MVNX). Version 3 was tried on a file by
 others; in what is read here, version 4 is the same.

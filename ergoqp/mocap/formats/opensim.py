@@ -1,27 +1,22 @@
 """OpenSim's motion files (.mot, .sto): joint centres from the joint angles of known models.
 
-OpenSim's motion files (.mot, .sto), which contain joint angles.
+OpenSim's motion files (.mot, .sto), which contain joint angles. About ten rows stand above the
+numbers and end with "endheader". The next row names the columns (OpenSim, "Storage (.sto) and
+Motion (.mot) Files"). Spreadsheet programs save such files with commas. Files by SIMM state no
+version, and their angles are in degrees.
 
-About ten rows stand above the numbers and end with "endheader". The next row names the columns
-(OpenSim, "Storage (.sto) and Motion (.mot) Files"). Spreadsheet programs save such files with
-commas. Files by SIMM state no version, and their angles are in degrees.
+Check of the joint angles of an OpenSim model: their unit, and the signs of the hinges. Some files
+state the unit of their angles wrongly, and in some models hinges bend the other way. Both give
+another posture, which no later check would notice.
 
-Check of the joint angles of an OpenSim model: their unit, and the signs of the hinges.
+Joint centres from the joint angles of OpenSim's motion files. The file does not name the model of
+its angles; the names of its coordinates determine it. The segments are rotated as in the model and
+get the lengths of a person. The postures are then computed from the joint centres as for all other
+recordings.
 
-Some files state the unit of their angles wrongly, and in some models hinges bend the other way.
-Both give another posture, which no later check would notice.
-
-Joint centres from the joint angles of OpenSim's motion files.
-
-The file does not name the model of its angles; the names of its coordinates determine it. The
-segments are rotated as in the model and get the lengths of a person. The postures are then computed
-from the joint centres as for all other recordings.
-
-Joint centres from a file with ergoqp's own joint angles.
-
-Other programs may write them, too, for example a ROS node that publishes `ergoqp.JOINTS`. The
-postures are computed from the joint centres as for all other recordings; this gives the same
-angles.
+Joint centres from a file with ergoqp's own joint angles. Other programs may write them, too, for
+example a ROS node that publishes `ergoqp.JOINTS`. The postures are computed from the joint centres
+as for all other recordings; this gives the same angles.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Text of unknown origin: encodings, numbered lines, tables of numbers, times and poses.
 
-Text of unknown origin: encodings, numbered lines, tables of numbers, and poses.
-
 Tables of numbers in text files, read block by block because an hour of markers is large.
 
 A blank is a value that was not seen. A word in place of a number is an error that names its line.

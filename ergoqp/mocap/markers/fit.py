@@ -9,18 +9,13 @@ notice it. But the markers along a limb have an order, both sides are equally lo
 left, and the face is in front. A violation counts if it lasts nearly all the time, because a marker
 may also fall off early in the take.
 
-Detection of limb markers that do not keep their distances: exchanged or fallen off.
+Detection of limb markers that do not keep their distances: exchanged or fallen off. Two or three
+markers are not a rigid shape that can be tracked (`ergoqp.mocap.markers.rigid`). But along a limb
+each marker keeps its distance from its neighbours, as far as skin and joints allow.
 
-Two or three markers are not a rigid shape that can be tracked (`ergoqp.mocap.markers.rigid`).
-But along a limb each marker keeps its distance from its neighbours, as far as skin and joints
-allow.
-
-Places of markers on the fitted body, and markers that are lost for a while.
-
-Places of markers on the fitted body: their offsets and residuals.
-
-One function serves all people and all marker sets: the person's lengths and the markers' offsets
-are its inputs, so nothing is compiled again.
+Places of markers on the fitted body: their offsets and residuals. One function serves all people
+and all marker sets: the person's lengths and the markers' offsets are its inputs, so nothing is
+compiled again.
 
 Estimation of lost markers: postures from the markers that are seen.
 

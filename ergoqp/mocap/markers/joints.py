@@ -1,8 +1,6 @@
 """Joint centres from a recording of markers, block by block, by landmarks on the skin.
 
-Joint centres from landmarks on the skin.
-
-Joint centres from landmarks on the skin.
+Joint centres from landmarks on the skin. Joint centres from landmarks on the skin.
 
 The hips follow from the pelvis (Harrington et al. 2007). Knee, elbow and ankle lie half their width
 inside the outer marker, perpendicular to the bone above ("chord", Davis et al. 1991), or midway

@@ -1,7 +1,5 @@
 """Rigid shapes of markers: pelvis, trunk and head, their shape, and its pose in each frame.
 
-Tracking of rigid shapes of markers: their shape, and its pose in each frame.
-
 The rotation that fits a shape to points by least squares is Kabsch's (1976). Of four or more
 markers, one that does not fit is left out: it is another marker, or has fallen off. Two markers
 that fit after an exchange are exchanged. If none of this fits, or the others are in a line, the

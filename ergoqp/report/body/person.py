@@ -1,9 +1,8 @@
 """The person as solid parts, the robot that holds the object, and the samples of a replay.
 
-The robot in a replay: a sketch of an arm with two links on a post, solved in the plane.
-
-It shows that a robot holds the object and from where. It does not show a particular robot,
-because a problem does not describe one.
+The robot in a replay: a sketch of an arm with two links on a post, solved in the plane. It shows
+that a robot holds the object and from where. It does not show a particular robot, because a problem
+does not describe one.
 """
 
 from __future__ import annotations

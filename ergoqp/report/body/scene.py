@@ -1,9 +1,8 @@
 """The 3-D scene of a movement, made with viser: one page with a play bar that needs no server.
 
-Triangle meshes of the shapes of a scene.
-
-The body is defined by the capsules of the model. The drawing differs only in looks: limbs are
-thinner at their far end, and the rings of the trunk are joined into one surface.
+Triangle meshes of the shapes of a scene. The body is defined by the capsules of the model. The
+drawing differs only in looks: limbs are thinner at their far end, and the rings of the trunk are
+joined into one surface.
 """
 
 from __future__ import annotations

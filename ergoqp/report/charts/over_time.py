@@ -1,8 +1,7 @@
 """Charts of values over time and of distributions.
 
-Box plots of the predicted or reached values for each true score.
-
-The results of the EPFL report are shown in the same way.
+Box plots of the predicted or reached values for each true score. The results of the EPFL report are
+shown in the same way.
 """
 
 from __future__ import annotations

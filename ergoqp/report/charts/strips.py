@@ -1,8 +1,7 @@
 """Charts with one row per item, and a map of scores over two coordinates.
 
-A map of scores over two coordinates of the object's place.
-
-Each cell has a number and the colour of its action level.
+A map of scores over two coordinates of the object's place. Each cell has a number and the colour of
+its action level.
 """
 
 from __future__ import annotations
