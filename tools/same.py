@@ -11,6 +11,8 @@ same inputs then go through the step of both trees, on this machine:
 - ``differ.plain``, ``differ.compiled``, ``differ.exported``, ``differ.guided``: inputs after which
   any bit of any output is another: of the CasADi function, of the same through the C compiler, of
   the exported C, and of the step with a place given and a robot declared.
+- ``recordings``, ``differ.scores``: recordings of the shared folder, and those whose exit status
+  or ``scores.csv`` is another; every one is scored by ``ergoqp score`` of both trees.
 - ``refused``: inputs that were answered with ``braking`` or ``invalid``; ``moving``: with a twist
   that is not zero. They say that the inputs reach the parts of the step.
 """
@@ -28,7 +30,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.report import Report, run
+from benchmarks.report import Report, run, shared_folder
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 KINDS: Final = ("plain", "guided", "compiled", "exported")
@@ -178,6 +180,59 @@ def answer(name: str, kind: str, folder: Path, out: str) -> None:
     np.save(folder / f"{out}_{name}_{kind}.npy", np.array(results))
 
 
+def scored(tree: Path, path: Path, folder: Path) -> tuple[int, bytes]:
+    """Return exit status and ``scores.csv`` of ``ergoqp score`` of a tree."""
+    environment = os.environ | {"PYTHONPATH": str(tree)}
+    command = [sys.executable, "-m", "ergoqp", "score", str(path), "--out", str(folder)]
+    if path.is_dir():
+        # Such folders were read by ergoqp itself, and are now by the reader of the example.
+        command[5:5] = ["--rate", "120"]
+        if (tree / "examples" / "own_terms" / "own_terms" / "poses.py").is_file():
+            command[4] = str(_as_own_folder(path, folder / "own"))
+            del command[5:7]
+            own = f"{tree / 'examples' / 'own_terms'}{os.pathsep}{folder / 'own'}"
+            environment["PYTHONPATH"] += os.pathsep + own
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
+    scores = folder / "scores.csv"
+    return done.returncode, scores.read_bytes() if scores.is_file() else b""
+
+
+def _as_own_folder(path: Path, site: Path) -> Path:
+    """Return a copy of a folder of poses for the example's reader, which is registered there."""
+    folder, package = site / "take.poses", site / "own_terms-0.dist-info"
+    folder.mkdir(parents=True)
+    package.mkdir()
+    for table in path.glob("*.csv"):
+        name = table.name.removeprefix("giver_").removesuffix("_pose_saved.csv")
+        (folder / f"{name}.csv").write_bytes(table.read_bytes())
+    (folder / "take.toml").write_text('rate = 120\norder = "xyzw"\n', encoding="utf-8")
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: own_terms\nVersion: 0\n")
+    (package / "entry_points.txt").write_text(
+        "[ergoqp.readers]\nposes = own_terms.poses:read_poses\n", encoding="utf-8"
+    )
+    return folder
+
+
+def differing_scores(before: Path, scratch: Path) -> tuple[int, list[str]]:
+    """Return how many recordings there are, and those that the trees do not score alike."""
+    shared = shared_folder()
+    if shared is None:
+        return 0, []
+    root = shared / "mocap"
+    paths = sorted(path for path in root.glob("*/*") if path.parent.name != "kth_handover_giver")
+    paths.append(root / "kth_handover_giver")
+    found = []
+    for number, path in enumerate(paths):
+        answers = []
+        for name, tree in (("before", before), ("after", ROOT)):
+            folder = scratch / f"scores_{number}_{name}"
+            folder.mkdir()
+            answers.append(scored(tree, path, folder))
+        if answers[0] != answers[1]:
+            found.append(f"{path.name} ({answers[0][0]}, {answers[1][0]})")
+    return len(paths), found
+
+
 def child(tree: Path, folder: Path, *arguments: str) -> None:
     """Run this file in a process that imports the package of a tree."""
     environment = os.environ | {"PYTHONPATH": str(tree)}
@@ -205,6 +260,7 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
                 for kind in kinds:
                     for out, tree in (("before", earlier), ("after", ROOT)):
                         child(tree, folder, "answer", name, kind, out)
+            recordings, other = differing_scores(earlier, folder) if report.full else (0, [])
         finally:
             subprocess.run(
                 ["git", "worktree", "remove", "--force", str(earlier)], cwd=ROOT, check=True
@@ -214,6 +270,8 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
             report.figure(
                 key, sum(int(np.load(folder / f"in_{name}_plain.npz")[key]) for name in names)
             )
+        report.figure("recordings", recordings, "with --full only")
+        report.figure("differ.scores", len(other), ", ".join(other))
         for kind in kinds:
             differ = {name: _differ(folder, name, kind) for name in names}
             report.figure(

@@ -50,7 +50,8 @@ def _numbers(folder: str, table: Path) -> np.ndarray:
     try:
         head, *lines = table.read_text(encoding="utf-8").splitlines()
         names = head.replace(" ", "").split(",")
-        rows = np.array([[float(word) for word in line.split(",")] for line in lines])
+        # Single precision is finer than any measurement.
+        rows = np.array([[float(word) for word in line.split(",")] for line in lines], np.float32)
         return rows[:, [names.index(name) for name in _COLUMNS]]
     except (OSError, ValueError, IndexError) as error:
         raise RecordingError(
