@@ -151,7 +151,7 @@ def test_a_folder_is_read_by_an_own_reader(on_path, tmp_path):
     motion = read_motion(folder)
     assert motion.names == ("hand",)
     assert motion.positions.tolist() == [[[1, 2, 3]], [[1.5, 2, 3]]]
-    assert motion.turns["hand"].tolist() == [[0, 0, 0, 1], [0, 0, 0.6, 0.8]]
+    assert motion.turns["hand"] == pytest.approx(np.array([[0, 0, 0, 1], [0, 0, 0.6, 0.8]]))
     assert motion.time.tolist() == [0, 0.02]
     for content, words in (
         (BONE + "1,2\n", "got setting an array element .*, allowed numbers below the names"),
