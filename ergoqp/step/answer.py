@@ -18,10 +18,11 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.causes import Cause, Status, fault_sentence
+from ergoqp.step.certification import AHEAD, PARTS, Margins
 from ergoqp.step.frames_check import frames_sentence
 from ergoqp.step.layout import CLOCK_ROUNDING, LONGEST_DT, SHORTEST_DT
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import AHEAD, PARTS, TOLERANCE, Margins
+from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.rest import BACK, LOOK, THERE
 from ergoqp.step.rows import limit_values
 

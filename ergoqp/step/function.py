@@ -31,7 +31,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
-from ergoqp.step.certification import judge_function, shortened
+from ergoqp.step.certification import amiss, judge_function, shortened
 from ergoqp.step.delay import PendingMotion, landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
@@ -39,7 +39,7 @@ from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide, pull_function
 from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
 from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
-from ergoqp.step.qp import amiss, away_function, solve_passes
+from ergoqp.step.qp import away_function, solve_passes
 from ergoqp.step.rest import stalled
 from ergoqp.step.rows import recovery_allowed, update_recovery_timer
 

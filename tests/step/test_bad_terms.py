@@ -18,10 +18,10 @@ from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit, Workspa
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control
-from ergoqp.step.certification import _shorten_function
+from ergoqp.step.certification import Margins, _shorten_function, smallest_margins
 from ergoqp.step.function import step_function
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import Margins, qp_data, smallest_margins
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 
 SOLVERS = ("daqp", "osqp", "highs")
