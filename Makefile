@@ -21,10 +21,10 @@ demo: $(VENV)/.runs
 	@echo "The report is in $(abspath $(OUT))/report.html"
 
 test: $(VENV)/.tests
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadscope -m "not slow"
 
 test-all: $(VENV)/.tests
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadscope
 
 check: $(VENV)/.tests
 	$(BIN)/ruff check .

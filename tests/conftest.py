@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,20 @@ import pytest
 # Several processes test at once: threads of the linear algebra would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+BUDGET = 3.0
+"""A test that takes longer has to be marked as slow [s of CPU]; what takes 1 s should be, too."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Fail a test that takes long and is not marked as slow, so that `make test` stays quick."""
+    begun = sum(os.times()[:4])
+    yield
+    spent = sum(os.times()[:4]) - begun
+    if spent > BUDGET and item.get_closest_marker("slow") is None:
+        pytest.fail(f"took {spent:.1f} s of CPU: mark it as slow", pytrace=False)
 
 
 @pytest.fixture(scope="session")
