@@ -66,7 +66,8 @@ class OneClassBoundary:
 
     Example:
         >>> import numpy as np
-        >>>         >>> from ergoqp.limits import OneClassBoundary
+        >>> from ergoqp.learning.one_class import OneClass
+        >>> from ergoqp.limits import OneClassBoundary
         >>> points = np.random.default_rng(0).normal(0.3, 0.1, (60, 2))
         >>> seen = OneClass.fit(points, ["trunk_flexion", "neck_flexion"])
         >>> OneClassBoundary(seen, name="seen before").names

@@ -239,7 +239,7 @@ LANDMARKS: Final = (*MIDDLE, *(f"{side}_{name}" for side in SIDES for name in SI
 """Names of the places of markers on the skin; those on both sides begin with the side.
 
 Example:
-
+    >>> from ergoqp.mocap.naming import LANDMARKS
     >>> "c7" in LANDMARKS, "right_asis" in LANDMARKS
     (True, True)
 """

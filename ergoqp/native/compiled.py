@@ -188,8 +188,7 @@ class NativeDaqp(Daqp):
             f"{name}.c": sizes_source([(n, m)], described=True),
             "qp_daqp.h": c_text("qp_daqp.h"),
         }
-        library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
-        return ca.external(name, str(library))
+        return _loaded(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
 
 
 def qp_name(n: int, m: int) -> str:
@@ -323,7 +322,10 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
         "inline.h": c_text("inline.h"),
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
-    library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
+    return _loaded(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+
+
+def _loaded(name: str, library: Path) -> ca.Function:
     try:
         return ca.external(name, str(library))
     except RuntimeError as error:

@@ -185,8 +185,8 @@ def _build(file: Any, name: str, folder: Path) -> Problem:
     response = _response(file.response, folder)
     # The stance alone says whether the person sits, also for the sheet.
     seated = getattr(response, "stance", None) == "seated"
-    task = given(file.task) | {"seated": seated}
-    method = Method(**task.pop("method", {}))
+    task = file.task.model_dump(exclude={"method"}) | {"seated": seated}
+    method = Method(**given(file.task.method))
     return Problem(
         cost=_cost(file, {**task, "method": method}, folder),
         response=response,

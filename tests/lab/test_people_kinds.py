@@ -510,7 +510,7 @@ def test_a_free_arm_hangs_when_the_trunk_bends() -> None:
 
 
 def test_a_kind_that_there_is_not() -> None:
-    with pytest.raises(InputError, match="follower: got 'giant', allowed one of alike, follower"):
+    with pytest.raises(InputError, match="follower: got 'giant', allowed one of alike, dead_zone"):
         person_of_kind("giant", load_problem("screwing"), 0)
     with pytest.raises(InputError, match="follower: got 'giant'"):
         simulate(load_problem("screwing"), np.zeros(32), 0.1, follower="giant")

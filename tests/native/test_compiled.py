@@ -206,7 +206,7 @@ def test_a_library_that_cannot_be_loaded_is_one_sentence(monkeypatch, tmp_path):
     other.write_bytes(b"not a library" * 1000)
     monkeypatch.setattr(compiled, "shared_library", lambda *_: other)
     with pytest.raises(
-        CompilerError, match=r"compiled step: the library '.*other\.so' cannot be loaded: "
+        CompilerError, match=r"compiled \w+: the library '.*other\.so' cannot be loaded: "
     ):
         Stepper(ergoqp.load_problem("forearm"), compiled=True)
 
