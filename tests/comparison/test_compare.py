@@ -121,10 +121,10 @@ def test_qpbenchmark_and_qpsolvers_solve_what_is_saved(tmp_path: Path) -> None:
         == test_set.count_problems()
         == sum(len(one) for one in sequences if one.feasible)
     )
-    call_by_name = {f"{one.name}.{i}": qp for one in sequences for i, qp in enumerate(one)}
+    by_name = {f"{one.name}.{i}": qp for one in sequences for i, qp in enumerate(one)}
     equalities = 0
     for problem in problems:
-        qp = call_by_name[problem.name]
+        qp = by_name[problem.name]
         problem.check_constraints()
         solution = qpsolvers.solve_problem(problem, solver="daqp")
         assert solution.is_optimal(1e-6), problem.name

@@ -50,9 +50,9 @@ def lists(
     pairs: list[tuple[float, float]],
     triple: tuple[float, float, float],
     some: tuple[float, ...] | None = None,
-    call_by_name: dict[str, tuple[float, float]] | None = None,
+    by_name: dict[str, tuple[float, float]] | None = None,
 ) -> AxisCone:
-    return note(numbers=numbers, pairs=pairs, triple=triple, some=some, call_by_name=call_by_name)
+    return note(numbers=numbers, pairs=pairs, triple=triple, some=some, by_name=by_name)
 
 
 def arrays(point: np.ndarray, matrix: NDArray[np.float64] | None = None) -> AxisCone:
