@@ -26,12 +26,24 @@ from ergoqp.limits.twist import TwistLimit
 class BoundaryModel(Protocol):
     """What the limit needs of a one-class machine, see `ergoqp.learning.one_class.OneClass`."""
 
-    coordinates: Coordinates
-    gamma: float
-    scale: np.ndarray
+    @property
+    def coordinates(self) -> Coordinates:
+        """Which entries of the state the model reads."""
+        ...
 
-    def margin_and_slope(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Return g and its gradient at a point, in the coordinates of the model."""
+    @property
+    def gamma(self) -> float:
+        """Return gamma of the kernels, in scaled coordinates."""
+        ...
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Scale of each coordinate (d,)."""
+        ...
+
+    @property
+    def margin_and_slope(self) -> ca.Function:
+        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices."""
         ...
 
 

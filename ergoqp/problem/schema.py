@@ -196,12 +196,12 @@ class _ExactlyOne(_AtMostOne):
 
 def _tables(name: str, base: type[Table], **tables: Any) -> Any:
     """Return a table of tables that a file may state."""
-    return create_model(
-        name, __base__=base, **{key: (one | None, None) for key, one in tables.items()}
-    )
+    fields: dict[str, Any] = {key: (one | None, None) for key, one in tables.items()}
+    return create_model(name, __base__=base, **fields)
 
 
 Side = Literal["right", "left"]
+Stature: Any = Annotated[float, Range(1.2, 2.3, "m")]
 Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
@@ -224,7 +224,7 @@ ResponseTable: Any = _tables(
             IkResponse,
             ["body"],
             hands=Annotated[tuple[Side, ...], BeforeValidator(as_tuple), Len(1, 2)],
-            stature=Annotated[float, Range(1.2, 2.3, "m")] | None,
+            stature=Stature | None,
             person=str | None,
         ),
         AfterValidator(_one_person),
