@@ -26,7 +26,7 @@ from ergoqp.limits import (
     TwistLimit,
     WorkspaceBox,
 )
-from ergoqp.limits.limit import Rows, Situation, straight_margins
+from ergoqp.limits.limit import LimitContext, Rows, straight_margins
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
@@ -308,25 +308,25 @@ class Shelf:
     names = ("shelf",)
     unit = "m"
     hard = True
-    returns = (True,)
+    recovers = (True,)
     tolerance = 1e-6
     recovery_time = 1.0
     yield_zone = 0.0
-    proven = False
+    margin_is_lower_bound = False
 
     def measure(self) -> None:
         pass
 
-    def rows(self, situation: Situation) -> Any:
+    def rows(self, context: LimitContext) -> Any:
         matrix = ca.SX(1, 6)
         matrix[0, 0] = 1
         free = ca.SX([ca.inf])
-        return situation.counted(
-            self.names[0], Rows(matrix, free, ca.SX(2.0) - situation.pose[0, 3], free, ca.SX(1, 1))
+        return context.reduced(
+            self.names[0], Rows(matrix, free, ca.SX(2.0) - context.pose[0, 3], free, ca.SX(1, 1))
         )
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
-        return straight_margins(self.rows(situation), displacement)
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
+        return straight_margins(self.rows(context), displacement)
 
 
 @pytest.mark.parametrize(
@@ -344,22 +344,25 @@ class Shelf:
         ({"names": ()}, "limits: names: got (), allowed a name for each row"),
         ({"names": (5,)}, "limits: names: got (5,), allowed a name for each row"),
         (
-            {"names": ("a", "b"), "returns": (True, True)},
+            {"names": ("a", "b"), "recovers": (True, True)},
             "limits: rows of a: got 1 rows and 1 margins, allowed",
         ),
         (
-            {"returns": True},
-            "limits: returns of shelf: got True, allowed one True or False for each row",
+            {"recovers": True},
+            "limits: recovers of shelf: got True, allowed one True or False for each row",
         ),
-        ({"returns": (True,) * 3}, "limits: returns of shelf: got (True, True, True), allowed one"),
-        ({"measure": None}, "limits: rows of shelf: got TypeError ("),
-        ({"rows": lambda situation: None}, "limits: rows of shelf: got AttributeError ("),
         (
-            {"margins": lambda situation, displacement: None},
+            {"recovers": (True,) * 3},
+            "limits: recovers of shelf: got (True, True, True), allowed one",
+        ),
+        ({"measure": None}, "limits: rows of shelf: got TypeError ("),
+        ({"rows": lambda context: None}, "limits: rows of shelf: got AttributeError ("),
+        (
+            {"margins": lambda context, displacement: None},
             "limits: rows of shelf: got AttributeError (",
         ),
         (
-            {"rows": lambda situation: Rows(ca.SX(1, 6), 1.0, 1.0, 1.0, 1.0)},
+            {"rows": lambda context: Rows(ca.SX(1, 6), 1.0, 1.0, 1.0, 1.0)},
             "limits: got rows whose below has shape None",
         ),
     ],

@@ -71,7 +71,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
     "Limits": (
         "ergoqp.limits.Limit",
         "ergoqp.limits.Rows",
-        "ergoqp.limits.Situation",
+        "ergoqp.limits.LimitContext",
         "ergoqp.limits.limit.straight_margins",
         "ergoqp.limits.TwistLimit",
         "ergoqp.limits.AXES",

@@ -6,8 +6,8 @@ from ergoqp.limits.keep_out import Box as Box
 from ergoqp.limits.keep_out import HalfSpace as HalfSpace
 from ergoqp.limits.keep_out import KeepOut as KeepOut
 from ergoqp.limits.limit import Limit as Limit
+from ergoqp.limits.limit import LimitContext as LimitContext
 from ergoqp.limits.limit import Rows as Rows
-from ergoqp.limits.limit import Situation as Situation
 from ergoqp.limits.state import ArmLength as ArmLength
 from ergoqp.limits.state import OneClassBoundary as OneClassBoundary
 from ergoqp.limits.twist import AXES as AXES

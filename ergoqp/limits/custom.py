@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import of_package
 from ergoqp.errors import ErgoqpError, ProblemError, in_words
 from ergoqp.limits.joints import JointLimit
-from ergoqp.limits.limit import Limit, Rows, Situation, Surface
+from ergoqp.limits.limit import Limit, LimitContext, Rows, Surface
 from ergoqp.limits.state import ArmLength, OneClassBoundary
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
@@ -72,12 +72,12 @@ class _Told:
     Attributes:
         matrix: rates of the rows (m, 6).
         ends: distances to the lower and the upper ends (2 m,).
-        fewer: the same with 1 of each lost.
+        fewer: the same with 1 of each taken away.
         shifted: the same with the posture shifted.
         margins: margins of the rows after the displacement (m,).
         margins_of_fewer: margins at rest with 1 of each distance lost (m,).
         rate: largest rates (m,).
-        reserve: reserves (m,).
+        curvature_margin: reserves (m,).
     """
 
     matrix: np.ndarray
@@ -87,7 +87,7 @@ class _Told:
     margins: np.ndarray
     margins_of_fewer: np.ndarray
     rate: np.ndarray
-    reserve: np.ndarray
+    curvature_margin: np.ndarray
 
     @staticmethod
     def least(ends: np.ndarray) -> np.ndarray:
@@ -99,25 +99,25 @@ _SEEN: Final[dict[tuple[int, int], weakref.ref[Any]]] = {}
 """Limits that were judged, by identity and size of the state: a problem is often made anew."""
 
 
-def judge_rates(limit: Limit, situation: Situation) -> None:
+def judge_rates(limit: Limit, context: LimitContext) -> None:
     """Judge a limit by `OwnRates`, once for the same object.
 
     Limits of the package, with regions of the package, are judged by its tests instead.
 
     Args:
         limit: a limit whose rows have the right shapes.
-        situation: a symbolic situation with nothing under way.
+        context: a symbolic context with nothing under way.
 
     Raises:
         ProblemError: if it is wrong.
     """
     if of_package(limit, getattr(limit, "region", None)):
         return
-    key = id(limit), situation.posture.numel()
+    key = id(limit), context.posture.numel()
     known = _SEEN.get(key)
     if known is not None and known() is limit:
         return
-    OwnRates(limit, situation).judge()
+    OwnRates(limit, context).judge()
     with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
         _SEEN[key] = weakref.ref(limit, lambda _: _SEEN.pop(key, None))
 
@@ -127,22 +127,22 @@ class OwnRates:
 
     Args:
         limit: a limit whose rows have the right shapes.
-        situation: a symbolic situation with nothing under way.
+        context: a symbolic context with nothing under way.
     """
 
-    def __init__(self, limit: Limit, situation: Situation) -> None:
+    def __init__(self, limit: Limit, context: LimitContext) -> None:
         """Build the functions."""
         self.limit, self.first = limit, limit.names[0]
-        n, m = situation.posture.numel(), len(limit.names)
+        n, m = context.posture.numel(), len(limit.names)
         sensitivity, shift = ca.SX.sym("sensitivity", n, 6), ca.SX.sym("shift", n)
         displacement = ca.SX.sym("displacement", 6)
         self._measure = limit.measure()
-        here = replace(situation, sensitivity=sensitivity)
+        here = replace(context, sensitivity=sensitivity)
         readings = ca.SX(0, 1)
         if self._measure is not None:
             readings = ca.SX.sym("readings", self._measure.numel_out(0))
             here = replace(here, readings={self.first: readings})
-        lost = replace(here, lost={self.first: (ca.SX.ones(m), ca.SX.ones(m))})
+        lost = replace(here, margin_reduction={self.first: (ca.SX.ones(m), ca.SX.ones(m))})
         rows, fewer = limit.rows(here), limit.rows(lost)
         directions = np.random.default_rng(1).normal(size=(6, 6))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -152,7 +152,7 @@ class OwnRates:
         self._of_object = limit.hard and ca.depends_on(ca.vertcat(*_ends(rows)), here.pose)
         outputs = [rows.matrix, *_ends(rows), *_ends(fewer), *_ends(shifted)]
         outputs += [limit.margins(here, displacement), limit.margins(lost, ca.SX(6, 1))]
-        outputs += [rows.rate, rows.reserve]
+        outputs += [rows.rate, rows.curvature_margin]
         symbols = [here.posture, here.pose, sensitivity, readings, shift, displacement]
         self._rows = ca.Function("rows", symbols, [ca.densify(each) for each in outputs])
 
@@ -184,21 +184,28 @@ class OwnRates:
             yield "NaN, allowed numbers, and inf where there is no end"
             return
         finite = np.isfinite(here.ends)
-        if (here.rate < 0).any() or (here.reserve < 0).any():
-            yield "a negative rate or reserve, allowed 0 or more"
+        if (here.rate < 0).any() or (here.curvature_margin < 0).any():
+            yield "a negative rate or curvature_margin, allowed 0 or more"
         if self._of_object and not np.allclose(here.fewer[finite], here.ends[finite] - 1):
             yield (
-                "distances that do not become smaller by situation.lost, allowed rows that are"
-                f" returned through situation.counted({self.first!r}, rows)"
+                "distances that do not become smaller by context.margin_reduction, allowed rows"
+                f" that are returned through context.reduced({self.first!r}, rows)"
             )
         if (here.margins > here.least(here.ends) + _RATES_ROUNDING).any():
-            yield "margins above the distances at rest, allowed at most min(below, above)"
+            yield "margins above the distances at rest, allowed at most min(to_lower, to_upper)"
         elif (
-            not self.limit.proven and (here.margins < here.least(here.ends) - _RATES_ROUNDING).any()
+            not self.limit.margin_is_lower_bound
+            and (here.margins < here.least(here.ends) - _RATES_ROUNDING).any()
         ):
-            yield "margins below the distances at rest, allowed min(below, above), or `proven`"
+            yield (
+                "margins below the distances at rest, allowed min(to_lower, to_upper), or"
+                " `margin_is_lower_bound`"
+            )
         elif (here.margins_of_fewer > here.least(here.fewer) + _RATES_ROUNDING).any():
-            yield "margins that do not become smaller by situation.lost, allowed those of the rows"
+            yield (
+                "margins that do not become smaller by context.margin_reduction, allowed those of"
+                " the rows"
+            )
         rates = np.concatenate([here.matrix, -here.matrix])
         steps = _STEP * np.concatenate([np.eye(6), -np.eye(6)])
         around = self._at([place.moved(step) for step in steps])
@@ -215,7 +222,7 @@ class OwnRates:
         (there,) = self._at([replace(place, posture=place.posture + step)])
         (told,) = self._at([place], shift=step)
         if not np.allclose(told.shifted[finite], there.ends[finite]):
-            yield "distances without situation.shift, allowed posture + shift in them"
+            yield "distances without context.shift, allowed posture + shift in them"
 
     def _optimistic(self, place: _Place) -> Iterator[str]:
         """Yield a sentence if a margin exceeds that after the displacement."""
@@ -260,17 +267,17 @@ class OwnRates:
 
 
 def _ends(rows: Rows) -> tuple[ca.SX, ca.SX]:
-    return rows.below, rows.above
+    return rows.to_lower, rows.to_upper
 
 
 _ROUNDING = 1e-6
 
 KINDS: Final[Mapping[str, type]] = {
-    kind.holds: kind for kind in (WorkspaceBox, AxisCone, JointLimit, OneClassBoundary, ArmLength)
+    each.kind: each for each in (WorkspaceBox, AxisCone, JointLimit, OneClassBoundary, ArmLength)
 }
 """Kinds of limits that optimum, place search and checker compute by themselves.
 
-The keys are the values of `Limit.holds`.
+The keys are the values of `Limit.kind`.
 """
 
 
@@ -302,7 +309,7 @@ class OwnLimits:
 
     def _known(self, limit: Limit) -> bool:
         """Return whether a limit is judged as one of `KINDS`."""
-        kind = KINDS.get(getattr(limit, "holds", None) or "")
+        kind = KINDS.get(getattr(limit, "kind", None) or "")
         if kind is None or limit is not next((e for e in self.every if isinstance(e, kind)), None):
             return False
         own = type(limit)
@@ -326,15 +333,15 @@ class OwnLimits:
             posture: posture of the person (n,) [rad].
             pose: pose of the object (4, 4) [m].
         """
-        below, above = (
+        to_lower, to_upper = (
             np.array(part).ravel() for part in self._functions[limit.names[0]](posture, pose)
         )
-        return np.minimum(below, above)
+        return np.minimum(to_lower, to_upper)
 
     def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
         """Return the first row that is violated, as ``"outside NAME"``, or an empty text.
 
-        A limit may use another word than outside, see `Limit.breach`.
+        A limit may use another word than outside, see `Limit.violation_label`.
 
         Args:
             pose: pose of the object (4, 4) [m].
@@ -345,7 +352,7 @@ class OwnLimits:
         for limit in self.limits if posture is not None else self.hard:
             for name, margin in zip(limit.names, self.margins(limit, stands_in, pose), strict=True):
                 if margin < -(limit.tolerance + _ROUNDING):
-                    return f"{getattr(limit, 'breach', 'outside')} {name}"
+                    return f"{getattr(limit, 'violation_label', 'outside')} {name}"
         return ""
 
     def judge(self) -> None:
@@ -407,28 +414,30 @@ class OwnLimits:
     def _functions(self) -> dict[str, ca.Function]:
         return {limit.names[0]: self._ends_of(limit) for limit in self.limits}
 
-    def _place(self) -> Situation:
-        """Return a symbolic situation with nothing under way."""
+    def _place(self) -> LimitContext:
+        """Return a symbolic context with nothing under way."""
         n, still = self.size, ca.SX(6, 1)
         posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
-        place = Situation(
+        place = LimitContext(
             posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.surface
         )
         return replace(place, shift=ca.SX(n, 1))
 
     def _ends_of(self, limit: Limit) -> ca.Function:
-        """Return the function ``(posture, pose) -> (below, above)`` of one limit."""
+        """Return the function ``(posture, pose) -> (to_lower, to_upper)`` of one limit."""
         n, measure, place = self.size, limit.measure(), self._place()
         posture, pose = place.posture, place.pose
         if measure is None:
             rows = limit.rows(place)
             return ca.Function(
-                "ends", [posture, pose], [ca.densify(rows.below), ca.densify(rows.above)]
+                "ends", [posture, pose], [ca.densify(rows.to_lower), ca.densify(rows.to_upper)]
             )
         readings = ca.SX.sym("readings", measure.numel_out(0))
         rows = limit.rows(replace(place, readings={limit.names[0]: readings}))
         inner = ca.Function(
-            "inner", [posture, pose, readings], [ca.densify(rows.below), ca.densify(rows.above)]
+            "inner",
+            [posture, pose, readings],
+            [ca.densify(rows.to_lower), ca.densify(rows.to_upper)],
         )
         at, where = ca.MX.sym("posture", n), ca.MX.sym("pose", 4, 4)
         return ca.Function("ends", [at, where], list(inner.call([at, where, measure(at)])))

@@ -13,7 +13,7 @@ import numpy as np
 from ergoqp.arguments import Range, check_kind, check_parameters, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.limits.limit import Recovery, Rows, Situation, straight_margins
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ class JointLimit:
     recovery_time: Recovery = 1.0
     recover: bool = False
     hard = False
-    proven = False
+    margin_is_lower_bound = False
     linear = True
     unit = "rad"
     names = JOINTS
     state = JOINTS
-    holds = "joints"
+    kind = "joints"
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
@@ -107,23 +107,23 @@ class JointLimit:
         return lower, upper
 
     @property
-    def returns(self) -> tuple[bool, ...]:
+    def recovers(self) -> tuple[bool, ...]:
         """Which joints ask to come back when they are outside, see `recover`."""
         return tuple(self.recover and name in self.ranges_deg for name in JOINTS)
 
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return one row per joint. The row of a joint that the object cannot move is zero."""
         lower, upper = self.range
-        q, seen = situation.posture, situation.observed
-        landed = q + situation.shift
+        q, seen = context.posture, context.observed
+        landed = q + context.shift
         below = ca.if_else(seen, landed - ca.DM(lower), ca.inf)
         above = ca.if_else(seen, ca.DM(upper) - landed, ca.inf)
         rate = ca.DM([np.radians(self.rate_deg)] * len(JOINTS))
-        return Rows(situation.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
+        return Rows(context.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the path, by the linear model of the person."""
-        return straight_margins(self.rows(situation), displacement)
+        return straight_margins(self.rows(context), displacement)

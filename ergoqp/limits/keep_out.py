@@ -21,7 +21,7 @@ from ergoqp.arguments import Range, check_parameters, check_text, object_of, rea
 from ergoqp.errors import InputError
 from ergoqp.expressions import dense
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import Recovery, Rows, Situation, straight_margins
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins
 
 _TINY: Final = 1e-30
 """Keeps the slope of a square root finite [m^2]."""
@@ -227,11 +227,11 @@ class KeepOut:
     recovery_time: Recovery = 2.0
     name: str = "keep out"
     hard = True
-    proven = False
+    margin_is_lower_bound = False
     yield_zone = 0.0
     unit = "m"
-    breach = "in"
-    returns = (True,)
+    violation_label = "in"
+    recovers = (True,)
     state = JOINTS
 
     def __post_init__(self) -> None:
@@ -260,15 +260,15 @@ class KeepOut:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the half-space that touches the region nearest to the object.
 
         Inside a region of the package, it is the half-space at the end of the way out, see
         `ergoqp.limits.keep_out`.
         """
-        ahead = situation.ahead[:3]
-        distance, direction = self.region.nearest(situation.pose[:3, 3] - ahead)
-        if (way := situation.readings.get(self.name)) is not None:
+        ahead = context.pending_displacement[:3]
+        distance, direction = self.region.nearest(context.pose[:3, 3] - ahead)
+        if (way := context.readings.get(self.name)) is not None:
             inside = way[3] > 0
             direction = ca.if_else(inside, way[:3], direction)
             distance = ca.if_else(inside, -way[3], distance)
@@ -276,11 +276,11 @@ class KeepOut:
         matrix = ca.SX(1, 6)
         matrix[0, :3] = direction.T
         free, straight = ca.SX([ca.inf]), ca.SX(1, 1)
-        return situation.counted(self.name, Rows(matrix, distance, free, free, straight))
+        return context.reduced(self.name, Rows(matrix, distance, free, free, straight))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest distance to the edge of that half-space on a straight path."""
-        return straight_margins(self.rows(situation), displacement, situation)
+        return straight_margins(self.rows(context), displacement, context)
 
 
 def _check_nearest(region: Region) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
 from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import Expression, Recovery, Rows, Situation
+from ergoqp.limits.limit import Expression, LimitContext, Recovery, Rows
 from ergoqp.limits.twist import TwistLimit
 
 
@@ -92,9 +92,9 @@ class OneClassBoundary:
     recovery_time: Recovery = 0.25
     name: str = "boundary"
     yield_zone = 0.0
-    proven = True
+    margin_is_lower_bound = True
     unit = "log"
-    holds = "boundary"
+    kind = "boundary"
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -108,7 +108,7 @@ class OneClassBoundary:
         check_parameters(self)
 
     @property
-    def returns(self) -> tuple[bool, ...]:
+    def recovers(self) -> tuple[bool, ...]:
         """Whether the row asks to come back. A posture does not move the object by itself."""
         return (self.hard,)
 
@@ -127,57 +127,58 @@ class OneClassBoundary:
         value, slope = self.model.margin_and_slope(coordinates.pick(q))
         return ca.Function("boundary", [q], [ca.vertcat(value, slope)])
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the one row and its reserve.
 
         The reserve is gamma times the square of the longest scaled displacement.
         """
-        moves = self._moves(situation)
+        moves = self._moves(context)
         scaled = self._scaled(moves)
         # Any twist of this period causes the swing plus at most the change, entry by entry.
         lengths = ca.sqrt(ca.sum1(scaled**2))
         longest = (
-            ca.norm_2(scaled @ (situation.swing + situation.ahead)) + lengths @ situation.change
+            ca.norm_2(scaled @ (context.stop_displacement + context.pending_displacement))
+            + lengths @ context.change
         )
-        value, slope = self._reading(situation)
-        value = value + ca.dot(slope, situation.shift[self.model.coordinates.indices])
-        swing, change = situation.swing, situation.change
+        value, slope = self._reading(context)
+        value = value + ca.dot(slope, context.shift[self.model.coordinates.indices])
+        swing, change = context.stop_displacement, context.change
         drop, stray = self._bow(
-            situation, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3])
+            context, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3])
         )
         free = ca.SX([ca.inf])
         return Rows(
             slope.T @ moves, value, free, free, drop + self.model.gamma * (longest + stray) ** 2
         )
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest value of the bound on a straight path, at one of its ends."""
-        value, slope = self._reading(situation)
-        moved = self._moves(situation) @ (situation.ahead + displacement)
-        drop, stray = self._bow(situation, ca.norm_2(displacement[3:] - displacement[:3]))
+        value, slope = self._reading(context)
+        moved = self._moves(context) @ (context.pending_displacement + displacement)
+        drop, stray = self._bow(context, ca.norm_2(displacement[3:] - displacement[:3]))
         length = ca.sqrt(ca.sumsqr(self._scaled(moved)) + 1e-30) + stray
         return value + ca.fmin(0, ca.dot(slope, moved) - drop - self.model.gamma * length**2)
 
-    def _bow(self, situation: Situation, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _bow(self, context: LimitContext, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the loss by a surface that bends the path: (drop of the bound, extra length).
 
         The extra length is scaled.
         """
-        if situation.surface is None:
+        if context.surface is None:
             return ca.SX(0), ca.SX(0)
-        _, slope = self._reading(situation)
-        pull, rest = situation.surface.bow(situation.posture, apart)
+        _, slope = self._reading(context)
+        pull, rest = context.surface.bow(context.posture, apart)
         pull = pull[self.model.coordinates.indices]
         drop = ca.fmax(0, -ca.dot(slope, pull)) + ca.norm_2(slope) * rest
         return drop, (ca.norm_2(pull) + rest) / float(self.model.scale.min())
 
-    def _reading(self, situation: Situation) -> tuple[ca.SX, ca.SX]:
-        reading = situation.readings[self.name]
+    def _reading(self, context: LimitContext) -> tuple[ca.SX, ca.SX]:
+        reading = context.readings[self.name]
         return reading[0], reading[1:]
 
-    def _moves(self, situation: Situation) -> ca.SX:
+    def _moves(self, context: LimitContext) -> ca.SX:
         """Return how the inputs of the model follow the object (d, 6)."""
-        return situation.sensitivity[self.model.coordinates.indices, :]
+        return context.sensitivity[self.model.coordinates.indices, :]
 
     def _scaled(self, rows: ca.SX) -> ca.SX:
         return ca.diag(ca.DM(1 / self.model.scale)) @ rows
@@ -225,13 +226,13 @@ class ArmLength:
     recovery_time: Recovery = 1.0
     yield_zone = 0.0
     hard = True
-    proven = False
-    returns = (True,)
+    margin_is_lower_bound = False
+    recovers = (True,)
     unit = "m"
     equality = True
     commanded = True
     state = FOREARM
-    holds = "length"
+    kind = "length"
 
     def __post_init__(self) -> None:
         """Check the numbers and the name."""
@@ -246,19 +247,19 @@ class ArmLength:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the tangent: the rate at which the distance of the two points grows.
 
         It has no ends to stop before; the step keeps it as an equality.
         """
-        along = _direction(situation.posture)
+        along = _direction(context.posture)
         matrix = ca.horzcat(-along.T, along.T)
         free = ca.SX([ca.inf])
         return Rows(matrix, free, free, free, ca.SX(1, 1))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return minus the present error of the length; projection keeps it on the whole path."""
-        return -ca.fabs(_distance(situation.posture) - self.length)
+        return -ca.fabs(_distance(context.posture) - self.length)
 
     def aside(self, limit: TwistLimit) -> float:
         """Return the acceleration that keeping and correcting the length can need [m/s^2].

@@ -14,7 +14,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import Expression, Situation
+from ergoqp.limits.limit import Expression, LimitContext
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 """The six axes of a twist: along and about the world's x, y and z.
@@ -273,21 +273,21 @@ class Braking:
         return steep + ca.fmin(left - knee, 0) / (self.reach + held)
 
 
-def on_surface(brake: Braking, situation: Situation, known: Expression = 1) -> Braking:
+def on_surface(brake: Braking, context: LimitContext, known: Expression = 1) -> Braking:
     """Return the same braking along the surface that the state stays on.
 
     Without a surface, return it unchanged.
 
     Args:
         brake: braking along a straight line.
-        situation: person and object.
+        context: person and object.
         known: 0 if the state was not measured. A deviation from the surface is then not corrected,
             because the object would never come to rest.
     """
-    if situation.surface is None:
+    if context.surface is None:
         return brake
-    twist = situation.surface.tangent(
-        situation.posture, brake.twist, brake.dt, brake.acceleration * known
+    twist = context.surface.tangent(
+        context.posture, brake.twist, brake.dt, brake.acceleration * known
     )
     return replace(
         brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist)

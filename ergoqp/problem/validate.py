@@ -56,11 +56,11 @@ _MEMBERS: Final = {
         "names",
         "unit",
         "hard",
-        "returns",
+        "recovers",
         "tolerance",
         "recovery_time",
         "yield_zone",
-        "proven",
+        "margin_is_lower_bound",
         "measure",
         "rows",
         "margins",
@@ -202,7 +202,7 @@ def _check_limit(limit: Any) -> None:
     names = names_of("limits: names", limit.names, "a name for each row", ProblemError)
     first = names[0]
     check_text(f"limits: unit of {first}", limit.unit, ProblemError)
-    for what in ("hard", "proven"):
+    for what in ("hard", "margin_is_lower_bound"):
         flag(f"limits: {what} of {first}", getattr(limit, what), ProblemError)
     for what, low, high in (
         ("tolerance", 0.0, _LARGEST),
@@ -212,20 +212,24 @@ def _check_limit(limit: Any) -> None:
         check_number(
             f"limits: {what} of {first}", getattr(limit, what), low, high, error=ProblemError
         )
-    holds = getattr(limit, "holds", None)
+    holds = getattr(limit, "kind", None)
     if holds is not None and not (isinstance(holds, str) and holds in KINDS):
         raise ProblemError(
             f"limits: holds of {first}: got {shown(holds)}, allowed {', '.join(KINDS)}, or None"
         )
-    check_text(f"limits: breach of {first}", getattr(limit, "breach", "outside"), ProblemError)
-    returns = limit.returns
+    check_text(
+        f"limits: violation_label of {first}",
+        getattr(limit, "violation_label", "outside"),
+        ProblemError,
+    )
+    recovers = limit.recovers
     if not isinstance(returns, (tuple, list, np.ndarray)) or len(returns) not in (1, len(names)):
         raise ProblemError(
-            f"limits: returns of {first}: got {shown(returns)}, allowed one True or False for"
+            f"limits: recovers of {first}: got {shown(returns)}, allowed one True or False for"
             " each row"
         )
     for each in returns:
-        flag(f"limits: returns of {first}", each, ProblemError)
+        flag(f"limits: recovers of {first}", each, ProblemError)
 
 
 def _check_task(task: Any, method: Method) -> None:

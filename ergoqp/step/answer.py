@@ -13,7 +13,7 @@ import numpy as np
 
 from ergoqp.expressions import call_by_name, dense, is_set, largest
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.limits import Limit, Situation
+from ergoqp.limits import Limit, LimitContext
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.solvers.solver import FREE
@@ -106,9 +106,9 @@ def reason_of(
         return _beyond(limits[row], names[row], margins[row])
 
     outside = np.flatnonzero(account("outside") > 0.5).tolist()
-    if usual := [beyond(i) for i in outside if not hasattr(limits[i], "breach")]:
+    if usual := [beyond(i) for i in outside if not hasattr(limits[i], "violation_label")]:
         parts.append("outside, coming back: " + ", ".join(usual))
-    if called := [beyond(i) for i in outside if hasattr(limits[i], "breach")]:
+    if called := [beyond(i) for i in outside if hasattr(limits[i], "violation_label")]:
         parts.append(", ".join(called) + ", coming back")
     if status == Status.relaxed:
         # Those of the object do not: the certification is exact there.
@@ -219,7 +219,7 @@ def _cause(
 def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
     """Return where the object is that no straight way leads out of."""
     found = [
-        f"{getattr(limit, 'breach', 'outside')} {name}"
+        f"{getattr(limit, 'violation_label', 'outside')} {name}"
         for limit, name, margin in zip(
             (limit for limit in problem.row_limits for _ in limit.names),
             problem.row_names,
@@ -280,7 +280,7 @@ def _bad_posture(problem: Problem, posture: np.ndarray) -> str:
 
 
 def _beyond(limit: Limit, name: str, margin: float) -> str:
-    if called := getattr(limit, "breach", ""):
+    if called := getattr(limit, "violation_label", ""):
         return f"{called} {name} by {-margin:.3g} {limit.unit}"
     if name in JOINTS:
         return f"{spoken(name)} by {np.degrees(-margin):.1f} deg"
@@ -476,7 +476,7 @@ def account_function(model: StepModel) -> ca.Function:
     given = known | {"used": used, "any_outside": largest(known["outside"])}
     found = call_by_name(_close_function(model), given)
     twist = found["twist"]
-    rate = _model_rate(limits, model.situation(known, known["S"]), known["S"] @ twist, known["dt"])
+    rate = _model_rate(limits, model.context(known, known["S"]), known["S"] @ twist, known["dt"])
     slack, multipliers = (_spread(known[name], movable, count) for name in ("slack", "multipliers"))
     # A twist that is shortened toward braking may exceed a rate that braking exceeds too. This row
     # has given way as well, and is named.
@@ -563,13 +563,13 @@ def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:
     return ca.if_else(beyond > 1e-7, beyond, 0)
 
 
-def _model_rate(limits: tuple, situation: Situation, rate: ca.MX, dt: ca.MX) -> ca.MX:
+def _model_rate(limits: tuple, context: LimitContext, rate: ca.MX, dt: ca.MX) -> ca.MX:
     """Return the joint rates of the model person, in which joints at their end go no further."""
     for limit in limits:
         if not limit.yield_zone:
             continue
-        rows = limit.rows(situation)
-        up = ca.if_else(rows.above < limit.yield_zone, 0.0, ca.fmax(rows.above, 0) / dt)
-        down = ca.if_else(rows.below < limit.yield_zone, 0.0, ca.fmax(rows.below, 0) / dt)
+        rows = limit.rows(context)
+        up = ca.if_else(rows.to_upper < limit.yield_zone, 0.0, ca.fmax(rows.to_upper, 0) / dt)
+        down = ca.if_else(rows.to_lower < limit.yield_zone, 0.0, ca.fmax(rows.to_lower, 0) / dt)
         rate = ca.fmax(ca.fmin(rate, up), -down)
     return rate

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions import call_by_name, dense, is_set, largest, marked, smallest
-from ergoqp.limits import Limit, Rows, Situation
+from ergoqp.limits import Limit, LimitContext, Rows
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import on_surface
 from ergoqp.problem.problem import Problem
@@ -53,12 +53,16 @@ class Margins:
                 `ahead` also ``landed``, ``way`` and ``shift``.
         """
         self._model, self._known = model, known
-        situation = model.situation(here(known), known["S"])
+        context = model.context(here(known), known["S"])
         self.matrices, self.rates, still = [], [], []
         for limit in model.problem.row_limits:
             if _linear(limit):
-                rows = limit.rows(situation)
-                matrix, rate, margins = rows.matrix, rows.rate, ca.fmin(rows.below, rows.above)
+                rows = limit.rows(context)
+                matrix, rate, margins = (
+                    rows.matrix,
+                    rows.rate,
+                    ca.fmin(rows.to_lower, rows.to_upper),
+                )
                 margins = with_nan(model, limit, rows, margins)
             else:
                 found = call_by_name(_curved_here(model, limit), known)
@@ -73,11 +77,11 @@ class Margins:
 
         See `Stop.ways`.
         """
-        situations = situations_of(self._model, self._known, self._known["S"], ways)
+        contexts = contexts_of(self._model, self._known, self._known["S"], ways)
         found = []
         for limit in self._model.problem.row_limits:
             if _linear(limit):
-                found.append(smallest_margins(limit, situations, ways))
+                found.append(smallest_margins(limit, contexts, ways))
             else:
                 curved = _curved_ahead(self._model, limit, ways.shape[1])
                 found.append(call_by_name(curved, {**self._known, "ways": ways})["margins"])
@@ -92,9 +96,9 @@ def _linear(limit: Limit) -> bool:
 def _curved_here(model: StepModel, limit: Limit) -> ca.Function:
     """``(*_HERE) -> (matrix, rate, present margins)`` of one limit."""
     sx = model.symbols(_HERE)
-    situation = model.situation(sx, model.sparse(sx["S"]))
-    rows = limit.rows(situation)
-    margins = with_nan(model, limit, rows, limit.margins(situation, ca.SX(6, 1)))
+    context = model.context(sx, model.sparse(sx["S"]))
+    rows = limit.rows(context)
+    margins = with_nan(model, limit, rows, limit.margins(context, ca.SX(6, 1)))
     still = [rows.matrix, rows.rate, margins]
     names = ["matrix", "rate", "margins"]
     return ca.Function("curved_here", list(sx.values()), ca.cse(dense(still)), list(sx), names)
@@ -104,43 +108,43 @@ def with_nan(model: StepModel, limit: Limit, rows: Rows, margins: Expression) ->
     """Return margins (m,) that are NaN where any number of a watched row is."""
     if limit.names[0] not in model.watched:
         return margins
-    ends = (rows.below, rows.above, rows.rate, rows.reserve)
+    ends = (rows.to_lower, rows.to_upper, rows.rate, rows.curvature_margin)
     return marked(margins, *ends, *ca.horzsplit(rows.matrix))
 
 
 def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
     """``(*_LANDED, ways) -> margins`` of one limit; ways are (6, count)."""
     sx, ways = model.symbols(_LANDED), ca.SX.sym("ways", 6, count)
-    situations = situations_of(model, sx, model.sparse(sx["S"]), ways)
-    margins = ca.cse(dense([smallest_margins(limit, situations, ways)]))
+    contexts = contexts_of(model, sx, model.sparse(sx["S"]), ways)
+    margins = ca.cse(dense([smallest_margins(limit, contexts, ways)]))
     names = [*sx, "ways"]
     return ca.Function("curved_ahead", [*sx.values(), ways], margins, names, ["margins"])
 
 
-def situations_of(
+def contexts_of(
     model: StepModel, known: Mapping[str, Expression], S: Expression, ways: Expression
-) -> tuple[Situation, ...]:
-    """Return the situation for each of `Stop.ways`.
+) -> tuple[LimitContext, ...]:
+    """Return the context for each of `Stop.ways`.
 
     A robot that holds does so either with what is under way, or with the twist.
     """
     law = model.problem.stop
-    found = [model.situation(known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    found = [model.context(known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
     if law.average:
-        found = [replace(situation, lead=ways[:, -2], most=ways[:, -1]) for situation in found]
+        found = [replace(context, lead=ways[:, -2], most=ways[:, -1]) for context in found]
     return tuple(found)
 
 
 def smallest_margins(
-    limit: Limit, situations: tuple[Situation, ...], ways: Expression
+    limit: Limit, contexts: tuple[LimitContext, ...], ways: Expression
 ) -> Expression:
     """Return the smallest margins (m,) of a limit on `Stop.ways`.
 
     The hold of a robot counts for hard limits only.
     """
     margins = None
-    for column, situation in enumerate(situations if limit.hard else situations[:1]):
-        on = limit.margins(situation, ways[:, column])
+    for column, context in enumerate(contexts if limit.hard else contexts[:1]):
+        on = limit.margins(context, ways[:, column])
         margins = on if margins is None else marked(ca.fmin(margins, on), margins, on)
     return margins
 
@@ -203,9 +207,9 @@ def _landed_rows(model: StepModel) -> ca.Function:
     """Return the function for rows (r,) at the landing pose: NaN where a watched one is, or 0."""
     sx = model.symbols((*PLACE, "shift", "S"))
     brake = model.problem.stop.braking(sx["previous"], sx["dt"])
-    situation = model.situation(sx, model.sparse(sx["S"]), brake)
+    context = model.context(sx, model.sparse(sx["S"]), brake)
     zeros = ((limit, ca.SX.zeros(len(limit.names))) for limit in model.problem.row_limits)
-    rows = [with_nan(model, limit, limit.rows(situation), margins) for limit, margins in zeros]
+    rows = [with_nan(model, limit, limit.rows(context), margins) for limit, margins in zeros]
     return ca.Function("landed_rows", list(sx.values()), [ca.vertcat(*rows)], list(sx), ["rows"])
 
 
@@ -293,8 +297,8 @@ def _decide_function(model: StepModel) -> ca.Function:
     problem, guided = model.problem, model.guided
     sx = model.symbols((*_JUDGED, "must_move", *(_JOURNEY if guided else ())))
     dt, stop = sx["dt"], problem.stop
-    situation = model.situation(sx, model.sparse(sx["S"]))
-    brake = on_surface(stop.braking(sx["previous"], dt), situation, sx["usable"])
+    context = model.context(sx, model.sparse(sx["S"]))
+    brake = on_surface(stop.braking(sx["previous"], dt), context, sx["usable"])
     # A cost of NaN or infinity does not reach the QP, but rest and the guide would keep it.
     finite = sx["total"] ** 2 + sx["gain"] ** 2 < ca.inf
     solved = ca.logic_and(sx["residual"] < TOLERANCE, finite)
@@ -312,10 +316,10 @@ def _decide_function(model: StepModel) -> ca.Function:
     )
     # The answer of a failed QP may be NaN, so it is replaced here. With no time left, only braking
     # remains.
-    in_time = patience(problem.row_limits, situation, sx["previous"], dt, stop) > 0
+    in_time = patience(problem.row_limits, context, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (
-        _kept(problem, situation, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
+        _kept(problem, context, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
     )
     found = {
         "wanted": wanted,
@@ -367,7 +371,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
     """
     problem, sx = model.problem, model.symbols(_SHORTENED)
     S = model.sparse(sx["S"])
-    situation = model.situation(sx, S)
+    context = model.context(sx, S)
     at_braking = _margins(model, sx, S, sx["brake"], sx["dt"])
     floor = _floor(model, sx["now"] - sx["doubted"], at_braking)
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
@@ -377,7 +381,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
     shares = ca.SX(6, 1)
     for candidate in reversed(candidates):
         twist = _kept(
-            problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
+            problem, context, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
         )
         holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
@@ -387,7 +391,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
 
 
 def _kept(
-    problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX, known: ca.SX | float = 1.0
+    problem: Problem, context: LimitContext, twist: ca.SX, dt: ca.SX, known: ca.SX | float = 1.0
 ) -> ca.SX:
     """Return the twist that leads to the surface on which the state stays, see `on_surface`.
 
@@ -396,15 +400,15 @@ def _kept(
     if problem.surface is None:
         return twist
     return problem.surface.retract(
-        situation.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * known
+        context.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * known
     )
 
 
 def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Return the smallest margins of all rows during a period at `twist` and the stop after it."""
     ways = model.problem.stop.ways(twist, dt)
-    situations, limits = situations_of(model, sx, S, ways), model.problem.row_limits
-    return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in limits))
+    contexts, limits = contexts_of(model, sx, S, ways), model.problem.row_limits
+    return ca.vertcat(*(smallest_margins(limit, contexts, ways) for limit in limits))
 
 
 def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> Expression:
@@ -423,7 +427,9 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     which never moves it further out.
     """
     problem = model.problem
-    hard, proven = (ca.DM(model.values(name)) for name in ("hard", "proven"))
+    hard, margin_is_lower_bound = (
+        ca.DM(model.values(name)) for name in ("hard", "margin_is_lower_bound")
+    )
     braked = now if at_braking is None else at_braking
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
@@ -432,7 +438,7 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     inherits = ca.DM(
         np.where(capped, _INHERITS + 3 * float(np.linalg.norm(problem.robot.noise[3:])), FREE)
     )
-    hard_floor = held + (1 - proven) * ca.fmin(braked - held, 0)
+    hard_floor = held + (1 - margin_is_lower_bound) * ca.fmin(braked - held, 0)
     hard_floor = ca.fmax(hard_floor, ca.if_else(now < -inherits, -FREE, -inherits)) - HELD
     return ca.if_else(hard, hard_floor, soft_floor)
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from ergoqp.errors import ProblemError
 from ergoqp.expressions import Shape, call_by_name, dense, shifted, vectors, written_out
-from ergoqp.limits import Limit, Situation
+from ergoqp.limits import Limit, LimitContext
 from ergoqp.step.layout import ASTRAY, LONGEST_DT, SHORTEST_DT, count, remaining_seconds, split
 from ergoqp.step.model import StepModel
 
@@ -445,7 +445,7 @@ def off_rows(rows: ca.SX, astray: ca.SX, limits: Sequence[Limit]) -> tuple[ca.SX
     upper, lower = [], []
     for row, limit in zip(ca.vertsplit(rows), of_rows, strict=True):
         turn = angle * ca.norm_2(row[3:]) if row[3:].nnz() else 0
-        if getattr(limit, "bend", 0.0) and limit.unit == "rad":
+        if getattr(limit, "curvature", 0.0) and limit.unit == "rad":
             turn = angle
         ahead, back = ca.fmax(row[:3], 0), ca.fmax(-row[:3], 0)
         for ends, one, other in ((upper, along, against), (lower, against, along)):
@@ -485,7 +485,7 @@ def _hard_rows(model: StepModel) -> ca.Function:
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
     landed, readings = shifted(pose, total), ca.SX.sym("readings", *model.size("readings"))
-    situation = Situation(
+    context = LimitContext(
         posture,
         ca.SX.ones(n),
         landed,
@@ -494,9 +494,9 @@ def _hard_rows(model: StepModel) -> ca.Function:
         ca.SX(6, 1),
         readings=model.by_limit(readings),
         surface=problem.surface,
-        ahead=total,
+        pending_displacement=total,
     )
-    rows = ca.vertcat(*(limit.rows(situation).matrix for limit in model.under_way.limits))
+    rows = ca.vertcat(*(limit.rows(context).matrix for limit in model.under_way.limits))
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
         names = ", ".join(model.under_way.names)
         raise ProblemError(

@@ -137,26 +137,28 @@ def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
 
 @dataclass(frozen=True)
 class Way:
-    """The motion under way, for `ergoqp.limits.Situation`.
+    """The motion under way, for `ergoqp.limits.LimitContext`.
 
     Attributes:
-        ahead: displacement (6,) [m, rad].
-        lost: parts of the distances to the (lower, upper) ends that do not count, by hard limit.
+        displacement: displacement (6,) [m, rad].
+        margin_reduction: parts of the distances to the (lower, upper) ends that do not count, by
+            hard limit.
         turn: angle that the robot may have done already, plus the error of its measured angle
             [rad]. None: zero.
-        stray: largest angle between the motion under way and a straight line [rad]. None: no row
-            bends.
-        raised: largest angle that a rising mean adds [rad]. None: no row bends.
-        lost_held: as `lost`, if the robot holds once what is under way (where declared).
+        direction_error: largest angle between the motion under way and a straight line [rad]. None:
+            no row bends.
+        overshoot_angle: largest angle that a rising mean adds [rad]. None: no row bends.
+        margin_reduction_held: as `margin_reduction`, if the robot holds once what is under way
+            (where declared).
         turn_held: as `turn`, for the same case.
     """
 
-    ahead: Any
-    lost: dict[str, tuple[Any, Any]]
+    displacement: Any
+    margin_reduction: dict[str, tuple[Any, Any]]
     turn: Any
-    stray: Any
-    raised: Any
-    lost_held: dict[str, tuple[Any, Any]]
+    direction_error: Any
+    overshoot_angle: Any
+    margin_reduction_held: dict[str, tuple[Any, Any]]
     turn_held: Any
 
 
@@ -220,15 +222,23 @@ class PendingMotionLayout:
     def split(self, way: Any) -> Way:
         """Return the parts of a vector (size,)."""
         ends = np.cumsum([0, *self._sizes]).tolist()
-        ahead, *parts = (way[start:end] for start, end in pairwise(ends))
+        displacement, *parts = (way[start:end] for start, end in pairwise(ends))
         if not parts:
-            return Way(ahead, {}, None, None, None, {}, None)
-        bent, lost = iter(parts[2:]), self._by_limit(*parts[:2])
+            return Way(displacement, {}, None, None, None, {}, None)
+        bent, reduction = iter(parts[2:]), self._by_limit(*parts[:2])
         given = (self.turns, self.strays, self.strays)
-        turn, stray, raised = (next(bent) if there else None for there in given)
+        turn, error, overshoot = (next(bent) if there else None for there in given)
         if not self.holds:
-            return Way(ahead, lost, turn, stray, raised, lost, turn)
-        return Way(ahead, lost, turn, stray, raised, self._by_limit(*parts[-3:-1]), parts[-1])
+            return Way(displacement, reduction, turn, error, overshoot, reduction, turn)
+        return Way(
+            displacement,
+            reduction,
+            turn,
+            error,
+            overshoot,
+            self._by_limit(*parts[-3:-1]),
+            parts[-1],
+        )
 
     def _by_limit(self, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
         found, start = {}, 0
@@ -240,7 +250,7 @@ class PendingMotionLayout:
 
 
 def _bend(limit: Limit) -> bool:
-    return bool(getattr(limit, "bend", 0.0))
+    return bool(getattr(limit, "curvature", 0.0))
 
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)

@@ -18,7 +18,7 @@ import numpy as np
 from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
 from ergoqp.expressions import Evaluator
-from ergoqp.limits import Limit, Situation
+from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import Braking
 from ergoqp.problem.problem import Problem
@@ -192,7 +192,7 @@ class StepModel:
     @cached_property
     def asks_back(self) -> bool:
         """Whether some row of the person's posture may ask the object to come back."""
-        return any(not limit.hard and any(limit.returns) for limit in self.problem.row_limits)
+        return any(not limit.hard and any(limit.recovers) for limit in self.problem.row_limits)
 
     @property
     def compares(self) -> bool:
@@ -288,8 +288,8 @@ class StepModel:
         """Numbers, among all rows, of the rows that some twist can move. These are in the QP."""
         sx, problem = self.symbols((*PLACE, "shift", "S")), self.problem
         S, brake = self.sparse(sx["S"]), problem.stop.braking(sx["previous"], sx["dt"])
-        situation = self.situation(sx, S, brake)
-        return movable_rows(problem.twist_limit, problem.row_limits, situation)
+        context = self.context(sx, S, brake)
+        return movable_rows(problem.twist_limit, problem.row_limits, context)
 
     def values(self, pick: str) -> np.ndarray:
         """Return one number per row from the attribute `pick` of the limits."""
@@ -338,14 +338,14 @@ class StepModel:
         way = self.problem.way_out
         return None if way is None else readings[readings.numel() - way.size :]
 
-    def situation(
+    def context(
         self,
         known: Mapping[str, Expression],
         S: Expression,
         brake: Braking | None = None,
         held: bool = False,
-    ) -> Situation:
-        """Return the situation, from the symbols of a function of the step.
+    ) -> LimitContext:
+        """Return the context, from the symbols of a function of the step.
 
         Args:
             known: symbols by name: ``posture``, ``observed``, ``readings``, optionally
@@ -363,7 +363,7 @@ class StepModel:
             "posture": known["posture"],
             "observed": known["observed"],
             "sensitivity": S,
-            "swing": swing,
+            "stop_displacement": swing,
             "change": change,
             "readings": self.by_limit(known["readings"]),
             "surface": self.problem.surface,
@@ -371,20 +371,22 @@ class StepModel:
         if "landed" not in known:
             still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
             pose = known.get("pose", ca.SX.eye(4))
-            return Situation(pose=pose, ahead=still, shift=stays, **where)
+            return LimitContext(pose=pose, pending_displacement=still, shift=stays, **where)
         way = self.under_way.split(known["way"])
-        lost, turn = way.lost, way.turn_held if brake is not None else way.turn
+        reduction, turn = way.margin_reduction, way.turn_held if brake is not None else way.turn
         if held:
-            lost, turn = way.lost_held, way.turn_held
-        return Situation(
+            reduction, turn = way.margin_reduction_held, way.turn_held
+        return LimitContext(
             pose=known["landed"],
-            ahead=way.ahead,
+            pending_displacement=way.displacement,
             shift=known["shift"],
-            lost=lost,
+            margin_reduction=reduction,
             turn=turn,
-            stray=way.stray,
-            raised=way.raised,
-            most=brake.stop.most(brake.dt) if brake is not None and self.problem.average else None,
+            direction_error=way.direction_error,
+            overshoot_angle=way.overshoot_angle,
+            overshoot_bound=brake.stop.most(brake.dt)
+            if brake is not None and self.problem.average
+            else None,
             **where,
         )
 

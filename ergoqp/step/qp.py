@@ -234,16 +234,14 @@ def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
     sx = model.symbols((*PLACE, "shift", "S"))
     S, stop = model.sparse(sx["S"]), problem.stop
     brake = stop.braking(sx["previous"], sx["dt"])
-    situation = model.situation(sx, S, brake)
-    brake = on_surface(brake, situation)
-    brake = unhurried(
-        brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"], stop)
-    )
+    context = model.context(sx, S, brake)
+    brake = on_surface(brake, context)
+    brake = unhurried(brake, patience(problem.row_limits, context, sx["previous"], sx["dt"], stop))
     twist = problem.twist_limit
-    rows = [no_further(twist, limit, limit.rows(situation), brake) for limit in problem.row_limits]
+    rows = [no_further(twist, limit, limit.rows(context), brake) for limit in problem.row_limits]
     numbered = [(each, i) for each in rows for i in range(each.matrix.shape[0])]
     moving = [numbered[k] for k in kept]
-    follows = [i if each.matrix is situation.sensitivity else None for each, i in moving]
+    follows = [i if each.matrix is context.sensitivity else None for each, i in moving]
     own = [row for row, of_S in zip(moving, follows, strict=True) if of_S is None]
     matrix = ca.vertcat(ca.SX(0, 6), *(each.matrix[i, :] for each, i in own))
     ends = [_stacked([getattr(each, part)[i] for each, i in moving]) for part in _VECTORS]
@@ -264,11 +262,11 @@ def away_function(model: StepModel) -> ca.Function:
     not known of the pose.
     """
     problem, known = model.problem, model.symbols(AWAY)
-    situation = model.situation(known, model.sparse(ca.SX.ones(*model.size("S"))))
+    context = model.context(known, model.sparse(ca.SX.ones(*model.size("S"))))
     above, below, doubted = [ca.SX(0, 1)], [ca.SX(0, 1)], [ca.SX(0, 1)]
     for limit in problem.row_limits:
-        rows = limit.rows(situation)
-        to_upper, to_lower = ca.fmin(rows.above, FREE), ca.fmin(rows.below, FREE)
+        rows = limit.rows(context)
+        to_upper, to_lower = ca.fmin(rows.to_upper, FREE), ca.fmin(rows.to_lower, FREE)
         upper = lower = ca.SX(limit.tolerance)
         less = ca.SX.zeros(len(limit.names))
         if limit.hard:
@@ -277,7 +275,7 @@ def away_function(model: StepModel) -> ca.Function:
             upper, lower = (limit.tolerance + noise + part for part in off)
             less = ca.fmin(to_upper, to_lower) - ca.fmin(to_upper - off[0], to_lower - off[1])
         doubted.append(less)
-        returning = ca.DM(np.broadcast_to(limit.returns, rows.matrix.shape[0]).astype(float))
+        returning = ca.DM(np.broadcast_to(limit.recovers, rows.matrix.shape[0]).astype(float))
         asking = returning * (1 if limit.hard else known["asks"]) > 0.5
         for found, distance, allowed in ((above, to_upper, upper), (below, to_lower, lower)):
             found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
@@ -285,7 +283,7 @@ def away_function(model: StepModel) -> ca.Function:
     return ca.Function("away", list(known.values()), outputs, list(known), ["away", "doubted"])
 
 
-_VECTORS: Final = ("below", "above", "rate", "reserve")
+_VECTORS: Final = ("to_lower", "to_upper", "rate", "curvature_margin")
 
 
 def _stacked(entries: list[ca.SX]) -> ca.SX:
@@ -327,7 +325,7 @@ def solve_passes(
     Returns:
         ``xi`` (6,), ``S`` and ``E`` of the last pass, ``slack`` and ``multipliers`` of the movable
         rows, the largest ``residual`` of the QP, which joints are ``locked``, whether there are
-        more to lock, and ``shift``, see `ergoqp.limits.Situation`.
+        more to lock, and ``shift``, see `ergoqp.limits.LimitContext`.
     """
     one_pass = _one_pass(model, solver, shape)
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
@@ -398,15 +396,15 @@ def _newly_locked(model: StepModel) -> ca.Function:
     """Return the function for unlocked joints at their end that would move outward."""
     mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
     known = {name: mx[name] for name in ("posture", "observed", "readings")}
-    situation = model.situation(known, mx["S"])
+    context = model.context(known, mx["S"])
     outward = ca.MX(ca.DM.zeros(*model.size("locked")))
     for limit in model.problem.row_limits:
         if not limit.yield_zone:
             continue
-        rows = limit.rows(situation)
+        rows = limit.rows(context)
         rate = rows.matrix @ mx["xi"]
-        up = ca.logic_and(rows.above < limit.yield_zone, rate > 1e-6)
-        down = ca.logic_and(rows.below < limit.yield_zone, rate < -1e-6)
+        up = ca.logic_and(rows.to_upper < limit.yield_zone, rate > 1e-6)
+        down = ca.logic_and(rows.to_lower < limit.yield_zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
     free = ca.logic_and(outward, ca.logic_not(is_set(mx["locked"])))
     newly = ca.densify(ca.logic_and(free, mx["residual"] < TOLERANCE))

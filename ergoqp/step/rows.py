@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions import largest
-from ergoqp.limits import Limit, Rows, Situation, TwistLimit
+from ergoqp.limits import Limit, LimitContext, Rows, TwistLimit
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import Braking, Stop
 from ergoqp.solvers.solver import FREE
@@ -72,7 +72,7 @@ def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
 
 
 def patience(
-    limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX, stop: Stop
+    limits: Sequence[Limit], context: LimitContext, previous: ca.SX, dt: ca.SX, stop: Stop
 ) -> ca.SX:
     """Return the longest stop [s] for which the hard rows ahead still have room.
 
@@ -81,9 +81,9 @@ def patience(
     longest = ca.SX(FREE)
     for limit in limits:
         if limit.hard:
-            rows = limit.rows(situation)
+            rows = limit.rows(context)
             pace = stop.stretch * (rows.matrix @ previous)
-            for distance, toward in ((rows.above, pace), (rows.below, -pace)):
+            for distance, toward in ((rows.to_upper, pace), (rows.to_lower, -pace)):
                 left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
                 # Motion along a limit does not approach it.
                 time = 2 * (left / ca.fmax(toward, 1e-5) - stop.share * dt - stop.held)
@@ -109,21 +109,23 @@ def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> R
     It must stop before the turn that is nearest to the inside, because any further turn leads away
     again. Straight rows are returned unchanged.
     """
-    bend = getattr(limit, "bend", 0.0)
+    bend = getattr(limit, "curvature", 0.0)
     if not bend:
         return rows
     most = _ROOM * rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
     return replace(
         rows,
-        rate=ca.if_else(ca.fmin(rows.below, rows.above) < 0, ca.fmin(rows.rate, most), rows.rate),
+        rate=ca.if_else(
+            ca.fmin(rows.to_lower, rows.to_upper) < 0, ca.fmin(rows.rate, most), rows.rate
+        ),
     )
 
 
-def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:
+def movable_rows(twist: TwistLimit, limits: Sequence[Limit], context: LimitContext) -> list[int]:
     """Return the numbers, among all rows, of the rows that are not zero by structure."""
     numbers, start = [], 0
     for limit in limits:
-        matrix = driven(twist, limit.rows(situation).matrix)
+        matrix = driven(twist, limit.rows(context).matrix)
         numbers += [start + row for row in range(matrix.shape[0]) if matrix[row, :].nnz()]
         start += matrix.shape[0]
     return numbers
@@ -152,7 +154,7 @@ def row_bounds(
     """
     m, kept = len(kept), list(kept)
     if not m:
-        return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
+        return RowBounds(rows.matrix, rows.to_lower, rows.to_lower, rows.to_lower, rows.to_lower)
     # An axis that the object must not move may still be coming to rest after a push. It counts
     # until then.
     at_braking = rows.matrix @ brake.twist
@@ -195,12 +197,12 @@ def _ends(
 
     free = ca.DM(twist.speed > 0)
     slowing = ca.fabs(rows.matrix) @ (brake.acceleration * free)
-    distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
+    distance = ca.fmin(ca.vertcat(rows.to_upper, rows.to_lower), FREE)
     # A row that no twist moves now (a locked joint) has no inward target: none can be reached.
     moves = ca.fabs(rows.matrix) @ free > MOVES
     rate, toward = twice(ca.if_else(moves, rows.rate, FREE)), ca.vertcat(at_braking, -at_braking)
     slower = twice(slowing)
-    left = distance - twice(rows.reserve + CLEARANCE)
+    left = distance - twice(rows.curvature_margin + CLEARANCE)
     allowed = brake.fastest(left, slower, constant("hard"))
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
     # In the yield zone, and beyond the end, the first passes do not bound the joint. If the QP
@@ -216,7 +218,11 @@ def _ends(
     # straight row has none. Between two ends that are both within the noise of the pose, it stays
     # where it is.
     curving = twice(
-        ca.if_else(moves, (rows.reserve + ca.fmin(rows.reserve, CLEARANCE)) / brake.swing, 0)
+        ca.if_else(
+            moves,
+            (rows.curvature_margin + ca.fmin(rows.curvature_margin, CLEARANCE)) / brake.swing,
+            0,
+        )
     )
     # A row that does not ask to come back is only stopped from going further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
@@ -239,7 +245,7 @@ def _ends(
 
 def bends(limits: Sequence[Limit]) -> np.ndarray:
     """Return the bend of each row, 0 for straight ones, see `ergoqp.limits.limit.Limit`."""
-    return np.array([getattr(limit, "bend", 0.0) for limit in limits for _ in limit.names])
+    return np.array([getattr(limit, "curvature", 0.0) for limit in limits for _ in limit.names])
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:

@@ -8,9 +8,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from contexts import ask
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from situations import ask
 
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
@@ -149,7 +149,7 @@ def test_cone_row_is_the_derivative_amid_the_swing_and_never_promises_room_that_
         now = angle(pose[:3, 0], cone.direction)
         if not 0.02 < now < 3.1:
             continue
-        matrix, below, above, _, margins = ask(cone, pose=pose, swing=swing)
+        matrix, below, above, _, margins = ask(cone, pose=pose, stop_displacement=swing)
         assert np.isinf(below).all()
         margin = np.radians(50) - now
         assert margins[0] == pytest.approx(margin, abs=1e-9)
@@ -172,7 +172,10 @@ def test_cone_on_its_own_axis_and_opposite_to_it_is_finite() -> None:
     for sign in (1, -1):
         pose = np.diag([sign, sign, 1.0, 1.0])
         matrix, _, above, _, margins = ask(
-            AxisCone((1, 0, 0), 35), pose=pose, swing=np.ones(6), displacement=np.ones(6) * 0.1
+            AxisCone((1, 0, 0), 35),
+            pose=pose,
+            stop_displacement=np.ones(6),
+            displacement=np.ones(6) * 0.1,
         )
         assert np.isfinite(matrix).all()
         assert np.isfinite(above).all()
@@ -257,14 +260,14 @@ def test_joint_rows_are_where_the_joints_will_be_when_what_is_under_way_is_done(
 
 
 def test_only_what_was_narrowed_is_asked_back_and_only_where_that_is_wanted() -> None:
-    assert not any(NARROW.returns)
-    assert not any(JointLimit(recover=True).returns)
+    assert not any(NARROW.recovers)
+    assert not any(JointLimit(recover=True).recovers)
     asking = JointLimit(ranges_deg={"trunk_flexion": (-5, 40)}, recover=True)
-    assert [name for name, returns in zip(JOINTS, asking.returns, strict=True) if returns] == [
+    assert [name for name, returns in zip(JOINTS, asking.recovers, strict=True) if returns] == [
         "trunk_flexion"
     ]
-    assert all(BOX.returns)
-    assert all(CONES[0].returns)
+    assert all(BOX.recovers)
+    assert all(CONES[0].recovers)
 
 
 def test_joint_margins_look_along_the_way() -> None:
@@ -399,11 +402,11 @@ def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
         make()
 
 
-@pytest.mark.parametrize("part", ["matrix", "below", "above", "rate", "reserve"])
+@pytest.mark.parametrize("part", ["matrix", "to_lower", "to_upper", "rate", "curvature_margin"])
 def test_rows_of_several_sizes_are_refused(part: str) -> None:
     parts = {
         name: ca.SX(2, 6 if name == "matrix" else 1)
-        for name in ("matrix", "below", "above", "rate", "reserve")
+        for name in ("matrix", "to_lower", "to_upper", "rate", "curvature_margin")
     }
     Rows(**parts)
     with pytest.raises(ProblemError, match=f"rows whose {part} has shape"):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from contexts import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from situations import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 
 from ergoqp.joints import INDEX, UPPER
-from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
+from ergoqp.limits import AxisCone, JointLimit, LimitContext, Rows, TwistLimit, WorkspaceBox
 from ergoqp.limits.twist import Stop
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.rows import (
@@ -268,7 +268,7 @@ def waits(point: np.ndarray, previous: np.ndarray, law: dict[str, float]) -> flo
     }
     parts["observed"], parts["pose"] = ca.SX.ones(32), ca.SX(ca.DM(pose))
     found = patience(
-        [SMALL], Situation(**parts), ca.SX(ca.DM(previous)), ca.SX(0.01), Stop(LIMIT, **law)
+        [SMALL], LimitContext(**parts), ca.SX(ca.DM(previous)), ca.SX(0.01), Stop(LIMIT, **law)
     )
     return float(ca.evalf(found))
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from contexts import brake_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from situations import brake_of
 
 from ergoqp.limits import TwistLimit
 from ergoqp.limits.twist import Stop

@@ -27,7 +27,7 @@ from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
+from ergoqp.limits import AxisCone, JointLimit, LimitContext, Rows, TwistLimit, WorkspaceBox
 from ergoqp.limits.custom import OwnRates
 from ergoqp.simulation.robot import moved
 from ergoqp.solvers import installed_solvers, solver_named
@@ -553,20 +553,20 @@ class Nowhere:
     recovery_time: float = 1.0
     yield_zone: float = 0.0
     hard = True
-    proven = False
+    margin_is_lower_bound = False
     unit = "m"
     names = ("nowhere",)
-    returns = (False,)
+    recovers = (False,)
 
     def measure(self) -> None:
         """Need nothing."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """A row that never binds."""
         free = ca.SX([ca.inf])
         return Rows(ca.SX(1, 6), ca.SX(1), free, free, ca.SX(1, 1))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """What is left of `most` after the way."""
         return self.most - ca.norm_2(displacement)
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from limits.situations import SIZES
+from limits.contexts import SIZES
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
-from ergoqp.limits import AxisCone, Rows, Situation, TwistLimit
+from ergoqp.limits import AxisCone, LimitContext, Rows, TwistLimit
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
@@ -52,17 +52,19 @@ class Believed:
         parts, cone = model.under_way.split(place[1]), problem.limit_of(AxisCone)
         nobody = {
             name: ca.SX(*SIZES[name])
-            for name in ("posture", "observed", "sensitivity", "swing", "change")
+            for name in ("posture", "observed", "sensitivity", "stop_displacement", "change")
         }
         where = {
             "pose": place[0],
-            "ahead": parts.ahead,
-            "lost": parts.lost,
-            "stray": parts.stray,
-            "raised": parts.raised,
+            "pending_displacement": parts.displacement,
+            "margin_reduction": parts.margin_reduction,
+            "direction_error": parts.direction_error,
+            "overshoot_angle": parts.overshoot_angle,
         }
-        situation = Situation(**nobody, **where, lead=place[2][:, 1], most=place[2][:, 2])
-        margin = ca.Function("margin", place, [cone.margins(situation, place[2][:, 0])])
+        context = LimitContext(
+            **nobody, **where, overshoot=place[2][:, 1], overshoot_bound=place[2][:, 2]
+        )
+        margin = ca.Function("margin", place, [cone.margins(context, place[2][:, 0])])
         law, u, h = problem.stop, ca.SX.sym("u", 6), ca.SX.sym("h")
         ways = ca.Function("ways", [u, h], [law.ways(u, h)])
         self.margin = ca.Function(
@@ -78,11 +80,11 @@ def margins(cone: AxisCone, pose: np.ndarray, displacement: np.ndarray, **given:
     """The cone's margin on the way to a displacement (6,) of an object that nobody works on."""
     nobody = {
         name: ca.SX(*SIZES[name])
-        for name in ("posture", "observed", "sensitivity", "swing", "change")
+        for name in ("posture", "observed", "sensitivity", "stop_displacement", "change")
     }
     numbers = {name: ca.SX(ca.DM(value)) for name, value in given.items()}
     found = cone.margins(
-        Situation(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement))
+        LimitContext(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement))
     )
     return float(ca.evalf(found))
 
@@ -109,7 +111,9 @@ def test_what_a_rising_mean_adds_leads_no_further_out_than_believed() -> None:
         )
         lead, way = 0.045 * u, 0.1 * u
         added = np.clip(lead, -most, most)
-        bound = margins(CONE, pose, way + added, lead=lead, most=most, raised=0.0)
+        bound = margins(
+            CONE, pose, way + added, overshoot=lead, overshoot_bound=most, overshoot_angle=0.0
+        )
         # It goes on along the same line, for as long as every axis can.
         onward = 0.1 + min(0.045, float(np.min(most[3:] / np.abs(u[3:]))))
         places = [pose] + [moved(pose, u * seconds) for seconds in np.linspace(0, onward, 31)]
@@ -129,15 +133,17 @@ def test_a_row_of_two_axes_counts_on_no_axis_to_make_up_for_the_other() -> None:
     rows = Rows(matrix, ca.SX.zeros(1) + 1, ca.SX.zeros(1), free, straight)
     nobody = {
         name: ca.SX(*SIZES[name])
-        for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")
+        for name in ("posture", "observed", "pose", "sensitivity", "stop_displacement", "change")
     }
     for _ in range(50):
         u = np.concatenate([rng.normal(size=2) * rng.choice([0.01, 0.1, 1.0], 2), np.zeros(4)])
         lead, way = 0.045 * u, 0.1 * u
-        situation = Situation(**nobody, lead=ca.SX(ca.DM(lead)), most=ca.SX(ca.DM(most)))
+        context = LimitContext(
+            **nobody, overshoot=ca.SX(ca.DM(lead)), overshoot_bound=ca.SX(ca.DM(most))
+        )
         displacement = ca.SX(ca.DM(way + np.clip(lead, -most, most)))
-        assert float(ca.evalf(situation.straight(displacement)[0])) == pytest.approx(way[0])
-        bound = float(ca.evalf(straight_margins(rows, displacement, situation)))
+        assert float(ca.evalf(context.straight(displacement)[0])) == pytest.approx(way[0])
+        bound = float(ca.evalf(straight_margins(rows, displacement, context)))
         rate = max(u[0] - u[1], 0)
         assert bound == pytest.approx(-0.1 * rate - min(0.045 * rate, 0.002))
 
@@ -150,7 +156,9 @@ def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_fre
         ahead, way = (np.concatenate([np.zeros(3), 0.02 * rng.normal(size=3)]) for _ in range(2))
         # Outward, where the end of the way counts.
         way[3:] += 0.1 * np.cross([1, 0, 0], pose[:3, 0]) / np.linalg.norm(pose[1:3, 0])
-        kept = margins(CONE, pose, way) - margins(CONE, pose, way, ahead=ahead, stray=0.0)
+        kept = margins(CONE, pose, way) - margins(
+            CONE, pose, way, pending_displacement=ahead, direction_error=0.0
+        )
         after = moved(moved(free, ahead), way)[:3, :3]
         # What is under way ends soon, what is new goes on.
         first, second = (
@@ -167,8 +175,8 @@ def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_fre
         assert apart <= 1.02 * kept + 1e-9
         shares.append(apart / kept)
         # What is under way may leave its straight line, too.
-        bent = margins(CONE, pose, way, ahead=ahead, stray=0.0) - margins(
-            CONE, pose, way, ahead=ahead, stray=0.01
+        bent = margins(CONE, pose, way, pending_displacement=ahead, direction_error=0.0) - margins(
+            CONE, pose, way, pending_displacement=ahead, direction_error=0.01
         )
         assert bent == pytest.approx(0.01 * np.linalg.norm(way))
     assert max(shares) > 0.4
@@ -290,7 +298,11 @@ def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> N
         np.array([0, 0, 0, 0.01, 0.02, -0.01]),
     )
     plain = margins(CONE, pose, displacement)
-    known = {"lead": np.full(6, 0.01), "most": np.full(6, 0.02), "raised": 0.001}
+    known = {
+        "overshoot": np.full(6, 0.01),
+        "overshoot_bound": np.full(6, 0.02),
+        "overshoot_angle": 0.001,
+    }
     assert margins(CONE, pose, displacement, **known) < plain
     for missing in known:
         parts = {name: value for name, value in known.items() if name != missing}
@@ -300,14 +312,17 @@ def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> N
 def test_what_a_mean_adds_is_taken_off_a_way_only_where_all_of_it_is_known() -> None:
     nobody = {
         name: ca.SX(*SIZES[name])
-        for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")
+        for name in ("posture", "observed", "pose", "sensitivity", "stop_displacement", "change")
     }
-    way, known = np.arange(6) * 0.01, {"lead": ca.SX(6, 1) + 0.004, "most": ca.SX(6, 1) + 0.003}
+    way, known = (
+        np.arange(6) * 0.01,
+        {"overshoot": ca.SX(6, 1) + 0.004, "overshoot_bound": ca.SX(6, 1) + 0.003},
+    )
     for parts, expected in (
         (known, way - 0.003),
-        ({"lead": known["lead"]}, way),
-        ({"most": known["most"]}, way),
+        ({"overshoot": known["overshoot"]}, way),
+        ({"overshoot_bound": known["overshoot_bound"]}, way),
         ({}, way),
     ):
-        found = Situation(**nobody, **parts).straight(ca.SX(ca.DM(way)))
+        found = LimitContext(**nobody, **parts).straight(ca.SX(ca.DM(way)))
         np.testing.assert_allclose(np.array(ca.evalf(found)).ravel(), expected, atol=1e-15)

@@ -204,7 +204,7 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     lost = (
         StepModel(problem)
         .under_way.split(np.array(counted(np.eye(4), dt, history)[1]).ravel())
-        .lost["workspace x"]
+        .margin_reduction["workspace x"]
     )
     below, above = (float(end[0]) for end in lost)
     assert rise > 1e-3
@@ -264,11 +264,14 @@ def test_a_hold_on_to_what_left_the_history_fades_with_the_lag(gain_error: float
         left = (
             (1 + gain_error) * lag * (1 - np.exp(-hold / lag)) * np.exp(-0.01 * (number - 1) / lag)
         )
-        held = float(way.lost_held["workspace x"][1][0] - way.lost["workspace x"][1][0])
+        held = float(
+            way.margin_reduction_held["workspace x"][1][0]
+            - way.margin_reduction["workspace x"][1][0]
+        )
         assert left * 0.1 * 0.9 <= held <= left * 0.1 * 1.1
         # The lower end does not come nearer.
-        assert way.lost_held["workspace x"][0][0] == pytest.approx(
-            way.lost["workspace x"][0][0], abs=1e-12
+        assert way.margin_reduction_held["workspace x"][0][0] == pytest.approx(
+            way.margin_reduction["workspace x"][0][0], abs=1e-12
         )
         assert left * 0.2 * 0.9 <= float(way.turn_held[0] - way.turn[0]) <= left * 0.2 * 1.1
 
@@ -288,7 +291,10 @@ def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_nothing_els
     assert float(way.turn[0]) == pytest.approx(np.sqrt(3) * np.radians(0.5))
     still = lands(problem.replace(robot=DeclaredRobot()), history)
     assert (
-        float(still.lost["tool axis"][1][0]) == float(still.stray[0]) == float(still.raised[0]) == 0
+        float(still.margin_reduction["tool axis"][1][0])
+        == float(still.direction_error[0])
+        == float(still.overshoot_angle[0])
+        == 0
     )
 
 
@@ -306,7 +312,9 @@ def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer
     unsure[0], unsure[1], unsure[4] = (0.002, 0.001), (0.003, 0.0), (0.02, 0.03)
     known, behind = lands(problem, history), lands(problem, history, unsure)
     for end, expected in ((0, [0.002, 0.003, 0.0]), (1, [0.001, 0.0, 0.0])):
-        more = np.array(behind.lost["workspace x"][end]) - np.array(known.lost["workspace x"][end])
+        more = np.array(behind.margin_reduction["workspace x"][end]) - np.array(
+            known.margin_reduction["workspace x"][end]
+        )
         np.testing.assert_allclose(more.ravel(), expected, atol=1e-15)
     # It may be turned as much less, and how that bends is kept free too.
     assert float(behind.turn[0] - known.turn[0]) == pytest.approx(0.03)
@@ -341,7 +349,7 @@ def test_where_an_object_may_be_beside_its_computed_pose_is_kept_free(angle: flo
         past, dt = ca.MX.sym("history", initial(problem).size), ca.MX.sym("dt")
         counted = landing(model, under_way(model, past, dt), known)["way"]
         found = ca.Function("lands", [past, dt], [counted])(initial(problem), 0.01)
-        lost[name] = model.under_way.split(np.array(found).ravel()).lost
+        lost[name] = model.under_way.split(np.array(found).ravel()).margin_reduction
     for first, below, above in (
         ("workspace x", astray[3:6], astray[:3]),
         ("tool axis", astray[6], astray[6]),

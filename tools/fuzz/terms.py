@@ -16,7 +16,7 @@ import numpy as np
 
 from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.limits import Rows, Situation, WorkspaceBox
+from ergoqp.limits import LimitContext, Rows, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 
@@ -25,7 +25,7 @@ Rng = np.random.Generator
 _ROUNDING: Final = 1e-7
 """So near an end of a band both answers are right [rad, m]."""
 
-_PARTS: Final = ("below", "above", "rate", "reserve", "matrix", "margins", "ahead")
+_PARTS: Final = ("to_lower", "to_upper", "rate", "curvature_margin", "matrix", "margins", "ahead")
 """Numbers of a limit; ``ahead``: its margins where a displacement leads into the band."""
 
 
@@ -126,44 +126,49 @@ class SpoiledLimit:
     tolerance: float = 1e-6
     recovery_time: float = 2.0
     unit: str = "m"
-    returns: tuple[bool] = (False,)
+    recovers: tuple[bool] = (False,)
     yield_zone: float = 0.0
-    proven: bool = False
+    margin_is_lower_bound: bool = False
     linear: bool = False
 
     def measure(self) -> None:
         """Return nothing: it needs no reading."""
 
-    def _instead(self, value: Any, situation: Situation) -> Any:
-        of = situation.pose[:3, 3] if self.hard else situation.posture
+    def _instead(self, value: Any, context: LimitContext) -> Any:
+        of = context.pose[:3, 3] if self.hard else context.posture
         return self.band.instead(value, of)
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the one row."""
         at = self.band.at
         if self.hard:
-            place, matrix = situation.pose[at, 3], ca.SX(1, 6)
+            place, matrix = context.pose[at, 3], ca.SX(1, 6)
             matrix[0, at] = 1
         else:
             place, matrix = (
-                situation.posture[at] + situation.shift[at],
-                situation.sensitivity[at, :],
+                context.posture[at] + context.shift[at],
+                context.sensitivity[at, :],
             )
         zero = 0 * place
-        ends = {"below": 200 + place, "above": 200 - place, "rate": zero + ca.inf, "reserve": zero}
+        ends = {
+            "to_lower": 200 + place,
+            "to_upper": 200 - place,
+            "rate": zero + ca.inf,
+            "curvature_margin": zero,
+        }
         if self.part in ends:
-            ends[self.part] = self._instead(ends[self.part], situation)
+            ends[self.part] = self._instead(ends[self.part], context)
         if self.part == "matrix":
-            matrix = self._instead(ca.densify(matrix), situation)
+            matrix = self._instead(ca.densify(matrix), context)
         rows = Rows(matrix, **ends)
-        return situation.counted(self.names[0], rows) if self.hard else rows
+        return context.reduced(self.names[0], rows) if self.hard else rows
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
         """Return the margin (1,) after a displacement (6,)."""
-        least = straight_margins(self.rows(situation), displacement)
+        least = straight_margins(self.rows(context), displacement)
         if self.part == "ahead" and self.hard:
-            return self.band.instead(least, situation.pose[:3, 3] + displacement[:3])
-        return self._instead(least, situation) if self.part in ("margins", "ahead") else least
+            return self.band.instead(least, context.pose[:3, 3] + displacement[:3])
+        return self._instead(least, context) if self.part in ("margins", "ahead") else least
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import Rows, Situation, TwistLimit
+from ergoqp.limits import LimitContext, Rows, TwistLimit
 from ergoqp.limits.twist import Stop
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.rows import movable_rows, no_further, row_bounds
@@ -19,9 +19,9 @@ SIZES = {
     "observed": (32, 1),
     "pose": (4, 4),
     "sensitivity": (32, 6),
-    "swing": (6, 1),
+    "stop_displacement": (6, 1),
 }
-SIZES |= {"change": (6, 1), "ahead": (6, 1), "shift": (32, 1)}
+SIZES |= {"change": (6, 1), "pending_displacement": (6, 1), "shift": (32, 1)}
 NAMES = list(SIZES)
 DEFAULTS = {"observed": np.ones(32), "pose": np.eye(4)}
 
@@ -49,17 +49,19 @@ def _build(limit: Any, uncertain: bool) -> ca.Function:
         "lost above": ca.SX.sym("above", m),
         "turn": ca.SX.sym("turn"),
     }
-    situation = Situation(**parts)
+    context = LimitContext(**parts)
     if uncertain:
         below, above, turn = unsure.values()
-        situation = Situation(**parts, lost={limit.names[0]: (below, above)}, turn=turn)
-    rows = limit.rows(situation)
+        context = LimitContext(
+            **parts, margin_reduction={limit.names[0]: (below, above)}, turn=turn
+        )
+    rows = limit.rows(context)
     outputs = [
         rows.matrix,
-        rows.below,
-        rows.above,
+        rows.to_lower,
+        rows.to_upper,
         rows.rate,
-        limit.margins(situation, displacement),
+        limit.margins(context, displacement),
     ]
     inputs = [*parts.values(), displacement, *(unsure.values() if uncertain else ())]
     return ca.Function("limit", inputs, [ca.densify(part) for part in outputs])
@@ -68,7 +70,7 @@ def _build(limit: Any, uncertain: bool) -> ca.Function:
 def ask(
     limit: Any, *, displacement: Any = (0.0,) * 6, lost: Any = None, turn: Any = None, **given: Any
 ) -> list[np.ndarray]:
-    """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is
+    """Return (matrix, below, above, rate, margins) of a limit in a context; what is not given is
     zero or as at rest.
 
     `lost` (distances to the lower and to the upper ends that do not count) and `turn`, together: of
@@ -118,11 +120,11 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     pose, posture, sensitivity = parts["pose"], parts["posture"], parts["sensitivity"]
     # What is sent as planned: the rows are tested without the mean and without a declared robot.
     brake = Stop(twist_limit).braking(previous, dt)
-    situation = Situation(
+    context = LimitContext(
         posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1)
     )
-    movable = movable_rows(twist_limit, [limit], situation)
-    all_rows = no_further(twist_limit, limit, limit.rows(situation), brake)
+    movable = movable_rows(twist_limit, [limit], context)
+    all_rows = no_further(twist_limit, limit, limit.rows(context), brake)
     rows = Rows(
         *(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows))
     )
@@ -137,8 +139,8 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
 def _away(limit: Any, rows: Rows, movable: list[int]) -> ca.SX:
     """How far outside rows are that ask to come back, beyond the upper ends and beyond the lower
     ones."""
-    asks = ca.DM(np.broadcast_to(limit.returns, len(limit.names))[movable].astype(float))
-    distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
+    asks = ca.DM(np.broadcast_to(limit.recovers, len(limit.names))[movable].astype(float))
+    distance = ca.fmin(ca.vertcat(rows.to_upper, rows.to_lower), FREE)
     return ca.if_else(distance < -limit.tolerance, -distance, 0) * ca.vertcat(asks, asks)
 
 
