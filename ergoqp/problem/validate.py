@@ -223,12 +223,12 @@ def _check_limit(limit: Any) -> None:
         ProblemError,
     )
     recovers = limit.recovers
-    if not isinstance(returns, (tuple, list, np.ndarray)) or len(returns) not in (1, len(names)):
+    if not isinstance(recovers, (tuple, list, np.ndarray)) or len(recovers) not in (1, len(names)):
         raise ProblemError(
-            f"limits: recovers of {first}: got {shown(returns)}, allowed one True or False for"
+            f"limits: recovers of {first}: got {shown(recovers)}, allowed one True or False for"
             " each row"
         )
-    for each in returns:
+    for each in recovers:
         flag(f"limits: recovers of {first}", each, ProblemError)
 
 
