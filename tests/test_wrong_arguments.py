@@ -237,6 +237,7 @@ NOT_TRIED = ("none", "fraction", "class", "table", "list", "odd table", "no text
 """What is taken here and there, by what then takes its time."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOPS)
 def test_whatever_a_loop_is_given_it_answers_with_one_sentence(name: str) -> None:
     call, given, parameters = LOOPS[name]
@@ -363,7 +364,7 @@ class Shelf:
         ),
         (
             {"rows": lambda context: Rows(ca.SX(1, 6), 1.0, 1.0, 1.0, 1.0)},
-            "limits: got rows whose below has shape None",
+            "limits: got rows whose to_lower has shape None",
         ),
     ],
 )

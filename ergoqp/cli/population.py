@@ -23,7 +23,7 @@ from ergoqp.cli.common import (
 )
 from ergoqp.cli.options import ProblemName, SearchOptions, grouped, out_option
 from ergoqp.errors import InputError
-from ergoqp.files.atomic import whole
+from ergoqp.files.atomic import atomic_write
 from ergoqp.lab.population import Found, best_of_population, population
 from ergoqp.report.page import plain
 
@@ -149,7 +149,7 @@ def numbers_of(option: str, text: str, what: str, other: str = "") -> list[float
 
 
 def _write(found: Sequence[Found], path: Path) -> None:
-    with whole(path) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for each in found:

@@ -16,7 +16,7 @@ from ergoqp.arguments import Progress
 from ergoqp.comparison.derive import derived
 from ergoqp.comparison.record import RecordedQps, record, save_sequences
 from ergoqp.errors import InputError, MissingExtraError
-from ergoqp.files.atomic import whole, write_text_atomic
+from ergoqp.files.atomic import atomic_write, write_text_atomic
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session, solver_named
 from ergoqp.solvers.session import (
@@ -256,7 +256,7 @@ def comparison_picture(
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    with whole(path) as scratch:
+    with atomic_write(path) as scratch:
         figure.savefig(scratch)
 
 

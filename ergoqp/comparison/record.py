@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ergoqp.coordinates import FOREARM
 from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError, ModelError
-from ergoqp.files.atomic import whole, write_text_atomic
+from ergoqp.files.atomic import atomic_write, write_text_atomic
 from ergoqp.files.read import read_npz
 from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
@@ -217,7 +217,7 @@ def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[
     for sequence in sequences:
         path = folder / f"{sequence.name}.npz"
         A = np.array([qp.A for qp in sequence])
-        with whole(path) as scratch:
+        with atomic_write(path) as scratch:
             np.savez_compressed(
                 scratch,
                 P=np.array([qp.H for qp in sequence]),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import ErgoqpError
-from ergoqp.files.atomic import whole
+from ergoqp.files.atomic import atomic_write
 from ergoqp.files.read import read_npz
 from ergoqp.registry import cache_folder
 
@@ -54,5 +54,5 @@ class CacheEntry:
         path = self.path
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            with whole(path) as scratch:
+            with atomic_write(path) as scratch:
                 np.savez_compressed(scratch, **arrays)

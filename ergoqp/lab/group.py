@@ -22,7 +22,7 @@ from ergoqp._version import __version__
 from ergoqp.arguments import Progress, check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import pose_as_dict
-from ergoqp.files.atomic import whole, write_json
+from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.human import Body
 from ergoqp.lab.group_search import (
     AXES,
@@ -165,7 +165,7 @@ class GroupOptimum:
         """
         folder, grid = Path(folder), self.grid
         folder.mkdir(parents=True, exist_ok=True)
-        with whole(folder / "group.npz") as scratch:
+        with atomic_write(folder / "group.npz") as scratch:
             np.savez_compressed(
                 scratch,
                 allow_pickle=False,

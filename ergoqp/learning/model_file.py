@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import path_of
 from ergoqp.errors import ModelError
-from ergoqp.files.atomic import whole
+from ergoqp.files.atomic import atomic_write
 from ergoqp.files.read import read_npz
 
 FORMAT: Final = "ergoqp-model-1"
@@ -43,7 +43,7 @@ def save_model(
     full = {"format": FORMAT, **header, "checksum": _checksum(header, numbers)}
     text = np.frombuffer(json.dumps(full, sort_keys=True).encode(), dtype=np.uint8)
     try:
-        with whole(path) as scratch, scratch.open("wb") as file:
+        with atomic_write(path) as scratch, scratch.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **numbers)
     except OSError as error:
         raise ModelError(f"{path.name}: cannot be written: {error.strerror}") from None

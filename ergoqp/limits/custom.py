@@ -185,7 +185,7 @@ class OwnRates:
             return
         finite = np.isfinite(here.ends)
         if (here.rate < 0).any() or (here.curvature_margin < 0).any():
-            yield "a negative rate or curvature_margin, allowed 0 or more"
+            yield "a negative rate or curvature margin, allowed 0 or more"
         if self._of_object and not np.allclose(here.fewer[finite], here.ends[finite] - 1):
             yield (
                 "distances that do not become smaller by context.margin_reduction, allowed rows"

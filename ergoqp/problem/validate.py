@@ -212,10 +212,10 @@ def _check_limit(limit: Any) -> None:
         check_number(
             f"limits: {what} of {first}", getattr(limit, what), low, high, error=ProblemError
         )
-    holds = getattr(limit, "kind", None)
-    if holds is not None and not (isinstance(holds, str) and holds in KINDS):
+    kind = getattr(limit, "kind", None)
+    if kind is not None and not (isinstance(kind, str) and kind in KINDS):
         raise ProblemError(
-            f"limits: holds of {first}: got {shown(holds)}, allowed {', '.join(KINDS)}, or None"
+            f"limits: kind of {first}: got {shown(kind)}, allowed {', '.join(KINDS)}, or None"
         )
     check_text(
         f"limits: violation_label of {first}",

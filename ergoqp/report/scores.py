@@ -36,7 +36,7 @@ import numpy as np
 
 from ergoqp._version import __version__
 from ergoqp.arguments import Progress, part_of, unseen
-from ergoqp.files.atomic import whole, write_json
+from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
@@ -67,7 +67,7 @@ def write_scores(
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows, summary = folder / "scores.csv", folder / "scores.json"
-    with whole(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(
             [
@@ -227,7 +227,7 @@ def write_angles(
     table, motion = folder / "angles.csv", folder / "angles.mot"
     head = ["time_s", "scored", *(f"{name}_deg" for name in _ANGLES)]
     head += [f"{centre}_error_mm" for centre in recording.errors]
-    with whole(table) as scratch, scratch.open("w", encoding="utf-8") as file:
+    with atomic_write(table) as scratch, scratch.open("w", encoding="utf-8") as file:
         file.write(",".join(head) + "\n")
         for rows in _blocks(recording, part_of(progress, 0.0, 0.5)):
             scored = recording.scored[rows].astype(float)[:, None]
@@ -238,7 +238,7 @@ def write_angles(
             formats = ["%.6f", "%d", *["%.4f"] * len(_ANGLES), *["%.2f"] * len(errors)]
             lines = _text(values, ",".join(formats))
             file.write(lines.replace("nan", ""))
-    with whole(motion) as scratch, scratch.open("w", encoding="utf-8") as file:
+    with atomic_write(motion) as scratch, scratch.open("w", encoding="utf-8") as file:
         size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
         file.write("\n".join(["ergoqp", "version=1", *size, "inDegrees=yes", "endheader\n"]))
         file.write("\t".join(["time", *_ANGLES]) + "\n")

@@ -12,7 +12,7 @@ import numpy as np
 
 from ergoqp._version import __version__
 from ergoqp.expressions import pose_as_dict
-from ergoqp.files.atomic import whole, write_json
+from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.seeking.tries import Try
@@ -133,7 +133,7 @@ class Run:
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        with whole(folder / "run.npz") as scratch:
+        with atomic_write(folder / "run.npz") as scratch:
             np.savez_compressed(scratch, allow_pickle=False, **arrays_of(self))
         path = folder / "run.json"
         write_json(path, summary_of_run(self))

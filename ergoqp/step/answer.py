@@ -124,8 +124,8 @@ def reason_of(
         parts.append(notes["guide"])
     if status == Status.settled and not account.drawn:
         parts.append("at rest: moving would gain too little")
-    tolerance, returns = (
-        limit_values(problem.row_limits, name) for name in ("tolerance", "returns")
+    tolerance, recovers = (
+        limit_values(problem.row_limits, name) for name in ("tolerance", "recovers")
     )
     hard = limit_values(problem.row_limits, "hard")
     for i in np.flatnonzero(margins < -tolerance).tolist():
@@ -140,7 +140,7 @@ def reason_of(
                 why = "within what is not known of the pose"
             else:
                 why = "and the object cannot move it"
-        elif returns[i]:
+        elif recovers[i]:
             why = "and did not come back in twice the time that this should take: given up"
         else:
             parts.append(_held(names[i], margins[i]))
@@ -465,25 +465,29 @@ def account_function(model: StepModel) -> ca.Function:
         all_multipliers, residuals)``; slack and multipliers are those of all rows (r,).
     """
     problem, movable = model.problem, model.movable
-    known, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
-    limits, now = problem.row_limits, known["now"]
-    margins = Margins(model, known)
+    signals, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
+    limits, now = problem.row_limits, signals["now"]
+    margins = Margins(model, signals)
     tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
     # Slack of a row on the object side only means that the QP asked for more than needed, because
     # the certification is exact there.
     held = now[movable, 0] >= -tolerance[movable, 0]
-    used = largest(soft[movable, 0] * known["slack"] * held) > 10 * TOLERANCE
-    given = known | {"used": used, "any_outside": largest(known["outside"])}
+    used = largest(soft[movable, 0] * signals["slack"] * held) > 10 * TOLERANCE
+    given = signals | {"used": used, "any_outside": largest(signals["outside"])}
     found = call_by_name(_close_function(model), given)
     twist = found["twist"]
-    rate = _model_rate(limits, model.context(known, known["S"]), known["S"] @ twist, known["dt"])
-    slack, multipliers = (_spread(known[name], movable, count) for name in ("slack", "multipliers"))
+    rate = _model_rate(
+        limits, model.context(signals, signals["S"]), signals["S"] @ twist, signals["dt"]
+    )
+    slack, multipliers = (
+        _spread(signals[name], movable, count) for name in ("slack", "multipliers")
+    )
     # A twist that is shortened toward braking may exceed a rate that braking exceeds too. This row
     # has given way as well, and is named.
     slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
     found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
     outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("account", list(known.values()), outputs, list(known), list(found))
+    return ca.Function("account", list(signals.values()), outputs, list(signals), list(found))
 
 
 _CLOSED: Final = (

@@ -44,16 +44,16 @@ class Margins:
         now: present margin of every row (r,).
     """
 
-    def __init__(self, model: StepModel, known: Mapping[str, ca.MX]) -> None:
+    def __init__(self, model: StepModel, signals: Mapping[str, ca.MX]) -> None:
         """Compute the rows of all limits once.
 
         Args:
             model: model of the step.
-            known: ``posture``, ``observed``, ``readings``, ``pose`` and ``S`` of this step; for
+            signals: ``posture``, ``observed``, ``readings``, ``pose`` and ``S`` of this step; for
                 `ahead` also ``landed``, ``way`` and ``shift``.
         """
-        self._model, self._known = model, known
-        context = model.context(here(known), known["S"])
+        self._model, self._signals = model, signals
+        context = model.context(here(signals), signals["S"])
         self.matrices, self.rates, still = [], [], []
         for limit in model.problem.row_limits:
             if _linear(limit):
@@ -65,7 +65,7 @@ class Margins:
                 )
                 margins = with_nan(model, limit, rows, margins)
             else:
-                found = call_by_name(_curved_here(model, limit), known)
+                found = call_by_name(_curved_here(model, limit), signals)
                 matrix, rate, margins = found["matrix"], found["rate"], found["margins"]
             self.matrices.append(matrix)
             self.rates.append(rate)
@@ -77,14 +77,14 @@ class Margins:
 
         See `Stop.ways`.
         """
-        contexts = contexts_of(self._model, self._known, self._known["S"], ways)
+        contexts = contexts_of(self._model, self._signals, self._signals["S"], ways)
         found = []
         for limit in self._model.problem.row_limits:
             if _linear(limit):
                 found.append(smallest_margins(limit, contexts, ways))
             else:
                 curved = _curved_ahead(self._model, limit, ways.shape[1])
-                found.append(call_by_name(curved, {**self._known, "ways": ways})["margins"])
+                found.append(call_by_name(curved, {**self._signals, "ways": ways})["margins"])
         return ca.vertcat(*found)
 
 
@@ -122,16 +122,19 @@ def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
 
 
 def contexts_of(
-    model: StepModel, known: Mapping[str, Expression], S: Expression, ways: Expression
+    model: StepModel, signals: Mapping[str, Expression], S: Expression, ways: Expression
 ) -> tuple[LimitContext, ...]:
     """Return the context for each of `Stop.ways`.
 
     A robot that holds does so either with what is under way, or with the twist.
     """
     law = model.problem.stop
-    found = [model.context(known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    found = [model.context(signals, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
     if law.average:
-        found = [replace(context, lead=ways[:, -2], most=ways[:, -1]) for context in found]
+        found = [
+            replace(context, overshoot=ways[:, -2], overshoot_bound=ways[:, -1])
+            for context in found
+        ]
     return tuple(found)
 
 
@@ -149,9 +152,11 @@ def smallest_margins(
     return margins
 
 
-def here(known: Mapping[str, Expression]) -> dict[str, Expression]:
+def here(signals: Mapping[str, Expression]) -> dict[str, Expression]:
     """Return the symbols of the present pose, without those of the landing pose."""
-    return {name: value for name, value in known.items() if name not in ("landed", "way", "shift")}
+    return {
+        name: value for name, value in signals.items() if name not in ("landed", "way", "shift")
+    }
 
 
 AHEAD: Final = "a value on the way ahead"
@@ -174,18 +179,18 @@ _FINITE: Final = ("S", "E", "total", "gradient", "gain")
 """What each of `PARTS` is called in the step."""
 
 
-def amiss(model: StepModel, known: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
+def amiss(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
     """Return ``amiss``, see `PARTS`, and whether the answer is ``unusable`` because of it.
 
     Args:
         model: model of the step.
-        known: what the step knows after its certification.
+        signals: what the step knows after its certification.
     """
     find = _amiss_function(model)
     none = ca.Function("none", find.mx_in(), [ca.MX(ca.DM.zeros(find.numel_out(0))), ca.MX(0)])
     choose = ca.Function.if_else("none_or_amiss", none, find)
-    fine = ca.logic_and(known["whole"], known["solved"])
-    flags, unusable = choose.call([fine, *(known[name] for name in find.name_in())])
+    fine = ca.logic_and(signals["whole"], signals["solved"])
+    flags, unusable = choose.call([fine, *(signals[name] for name in find.name_in())])
     return {"amiss": flags, "unusable": unusable}
 
 
@@ -265,10 +270,10 @@ def judge_function(model: StepModel) -> ca.Function:
         whether the wanted twist holds, and with a guide the next trial.
     """
     problem = model.problem
-    known = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
-    margins = Margins(model, known)
+    signals = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
+    margins = Margins(model, signals)
     now, count = margins.now, len(problem.row_names)
-    away = ca.fmax(known["away"][:count], known["away"][count:]) > 0
+    away = ca.fmax(signals["away"][:count], signals["away"][count:]) > 0
     if problem.surface is not None:
         # A surface has no ends. A distance from it counts as outside.
         on = ca.DM(
@@ -276,16 +281,16 @@ def judge_function(model: StepModel) -> ca.Function:
         )
         away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
     outside = ca.logic_and(away, _moves(problem, margins))
-    found = call_by_name(_decide_function(model), known | {"must_move": largest(outside)})
+    found = call_by_name(_decide_function(model), signals | {"must_move": largest(outside)})
     ways = found.pop("ways")
     ahead = margins.ahead(ways)
     found |= {"now": now, "ahead": ahead, "outside": outside}
     # A comparison with NaN fails, but a minimum would drop it.
-    found["whole"] = is_set(smallest(ahead >= _floor(model, now - known["doubted"]), 1.0))
+    found["whole"] = is_set(smallest(ahead >= _floor(model, now - signals["doubted"]), 1.0))
     if watched := model.watched_rows:
         found["whole"] = ca.logic_and(found["whole"], ca.sumsqr(now[watched]) <= ca.inf)
     outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("judge", list(known.values()), outputs, list(known), list(found))
+    return ca.Function("judge", list(signals.values()), outputs, list(signals), list(found))
 
 
 def _decide_function(model: StepModel) -> ca.Function:
@@ -349,13 +354,14 @@ _SHORTENED: Final = (
 )
 
 
-def shortened(model: StepModel, known: Mapping[str, ca.MX]) -> ca.MX:
+def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     """Return the shares (6,) of `_shorten_function`; all are one if the ``whole`` way holds."""
     shorten = _shorten_function(model)
     all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     choose = ca.Function.if_else("shorten_or_not", shorten, all_of_it)
     return choose(
-        model.if_needed(ca.logic_not(known["whole"])), *(known[name] for name in shorten.name_in())
+        model.if_needed(ca.logic_not(signals["whole"])),
+        *(signals[name] for name in shorten.name_in()),
     )
 
 
@@ -391,7 +397,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
 
 
 def _kept(
-    problem: Problem, context: LimitContext, twist: ca.SX, dt: ca.SX, known: ca.SX | float = 1.0
+    problem: Problem, context: LimitContext, twist: ca.SX, dt: ca.SX, signals: ca.SX | float = 1.0
 ) -> ca.SX:
     """Return the twist that leads to the surface on which the state stays, see `on_surface`.
 
@@ -400,7 +406,7 @@ def _kept(
     if problem.surface is None:
         return twist
     return problem.surface.retract(
-        context.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * known
+        context.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * signals
     )
 
 

@@ -318,7 +318,7 @@ def next_history(
 
 
 def landing(
-    model: StepModel, found: PendingMotion, known: Mapping[str, ca.MX], shape: Shape = vectors
+    model: StepModel, found: PendingMotion, signals: Mapping[str, ca.MX], shape: Shape = vectors
 ) -> dict[str, ca.MX]:
     """Return ``landed`` (4, 4), the landing pose, and ``way``: see `WayLayout`.
 
@@ -328,7 +328,7 @@ def landing(
     Args:
         model: model of the step.
         found: the motion under way.
-        known: ``readings``; ``pose`` as measured, or as far as it is known (4, 4), and ``astray``:
+        signals: ``readings``; ``pose`` as measured, or as far as it is known (4, 4), and ``astray``:
             how far the object may be from it, see `ergoqp.step.layout.ASTRAY`. If the
             declared
             robot may be late also ``doubt``: how far the object may be behind this pose, along each
@@ -336,17 +336,17 @@ def landing(
         shape: how functions are written, see `ergoqp.expressions`.
     """
     if not model.under_way.count:
-        return {"landed": known["pose"], "way": found.total}
+        return {"landed": signals["pose"], "way": found.total}
     given = {name: part for name, part in found.parts.items() if name in _PARTS}
-    if "doubt" in known:
-        given["doubt"] = known["doubt"]
-    given |= {name: known[name] for name in ("astray", "readings")}
+    if "doubt" in signals:
+        given["doubt"] = signals["doubt"]
+    given |= {name: signals[name] for name in ("astray", "readings")}
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     outputs = _counted(model, at, symbols)
     inputs, names = [at, *symbols.values()], ["pose", *symbols]
     function = ca.Function("way", inputs, outputs, names, ["landed", "way"])
-    return call_by_name(shape(function), {**known, **given}, written=True)
+    return call_by_name(shape(function), {**signals, **given}, written=True)
 
 
 _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn")

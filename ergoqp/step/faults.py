@@ -300,14 +300,14 @@ _AROUND: Final = 1.4
 """Where measured and sent turn are this far apart, they are compared anew from there [rad]."""
 
 
-def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[str, ca.MX]:
+def watch(model: StepModel, signals: Mapping[str, ca.MX], shape: Shape) -> dict[str, ca.MX]:
     """Return the blocks ``compared``, ``story`` and ``said`` after the last period, and ``causes``.
 
     The causes say why the step can only brake. A reported twist counts from the next step on.
 
     Args:
         model: model of the step.
-        known: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``,
+        signals: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``,
             ``measured``, ``told`` (0 or 1), ``executed``, ``sent`` (6,), ``lasted`` [s],
             ``slowest``, ``fastest`` (6,): twists of a robot that does no more than it was sent,
             ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1),
@@ -317,7 +317,7 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
         shape: how functions are written, see `ergoqp.expressions`.
     """
     compare, explain = shape(_compared(model)), explained_function(model)
-    found = call_by_name(compare, known)
+    found = call_by_name(compare, signals)
     # Without a reported twist or a fault there is nothing to explain.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
@@ -329,8 +329,8 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
         story = joined(STORY, split(STORY, story) | anew)
     quiet = ca.Function("quiet", inputs, [story, ca.MX(ca.DM.zeros(count(SAID)))])
     choose = ca.Function.if_else("explain_or_not", shape(explain), quiet)
-    facts = {**known, **found}
-    speaks = model.if_needed(ca.logic_or(found["faulty"], known["told"]))
+    facts = {**signals, **found}
+    speaks = model.if_needed(ca.logic_or(found["faulty"], signals["told"]))
     story, said = choose.call([speaks, *(facts[name] for name in was)])
     return {
         "compared": found["next_compared"],

@@ -72,16 +72,16 @@ def bounds(problem: Problem) -> tuple[float, float]:
     return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
 
 
-def compared_frames(problem: Problem, known: Mapping[str, ca.MX]) -> ca.MX:
+def compared_frames(problem: Problem, signals: Mapping[str, ca.MX]) -> ca.MX:
     """Return the next `FRAMES`, as one vector.
 
     Args:
         problem: the task, of a person.
-        known: ``posture``, ``observed`` (32,), ``pose`` (4, 4), ``frames``: the block before,
+        signals: ``posture``, ``observed`` (32,), ``pose`` (4, 4), ``frames``: the block before,
             ``period`` [s], and ``compares``: whether posture and pose can be compared now.
     """
     names = ("posture", "observed", "pose", "frames", "period")
-    inputs = [ca.MX.sym(name, known[name].sparsity()) for name in names]
+    inputs = [ca.MX.sym(name, signals[name].sparsity()) for name in names]
     posture, observed, pose, block, period = inputs
     contact = problem.response.contact()
     difference = _difference(problem)
@@ -96,7 +96,7 @@ def compared_frames(problem: Problem, known: Mapping[str, ca.MX]) -> ca.MX:
     compare = ca.Function("compare", inputs, [ca.vertcat(PERIOD - period, after[1:])])
     wait = ca.Function("wait", inputs, [ca.vertcat(block[0] - period, block[1:])])
     choose = ca.Function.if_else("compare_or_wait", compare, wait)
-    return choose(known["compares"], *(known[name] for name in names))
+    return choose(signals["compares"], *(signals[name] for name in names))
 
 
 def frames_sentence(problem: Problem, parts: np.ndarray) -> str:

@@ -213,20 +213,20 @@ def read_inputs(
     posture = ca.if_else(usable, last, model.stand_in)
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
-    known = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
-    read = call_by_name(shape(_read_function(model)), known, written=True)
+    signals = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
+    read = call_by_name(shape(_read_function(model)), signals, written=True)
     pose = _pose(model, given, read["measured"], read["moved"], posture)
-    known |= read | {"posture": posture, "pose": pose}
+    signals |= read | {"posture": posture, "pose": pose}
     if not of_package(model.problem.response):
         # Without a usable contact frame the pose stays unknown, see `_pose`.
         placed = pose[3, 3]
-        known["next_started"] *= placed
-        known["causes"] += 2.0**Cause.term * (1 - placed)
+        signals["next_started"] *= placed
+        signals["causes"] += 2.0**Cause.term * (1 - placed)
     if model.problem.robot.owes:
         # When the object was measured last, any share of the motion under way may have been done
         # already. It is integrated as if none was.
-        known["doubt"] = ca.if_else(read["measured"], 0, given["unsure"])
-    return known
+        signals["doubt"] = ca.if_else(read["measured"], 0, given["unsure"])
+    return signals
 
 
 _READ: Final = ("pose", "has_pose", "executed", "has_twist", "age", "frame", "enable", "ask")
@@ -424,42 +424,46 @@ def build_step(
     given = state | raw
     if problem.frames.moved:
         given["pose"] = shape(_contact_pose(problem))(raw["pose"])
-    known = read_inputs(model, given, found, shape)
-    known.setdefault("frames", ca.MX.zeros(count(FRAMES)))
-    watched = watch(model, known, shape)
-    known |= {name: watched.pop(name) for name in ("causes", "astray")}
-    known |= call_by_name(model.readings, known)
-    way = model.way_out(known["readings"])
+    signals = read_inputs(model, given, found, shape)
+    signals.setdefault("frames", ca.MX.zeros(count(FRAMES)))
+    watched = watch(model, signals, shape)
+    signals |= {name: watched.pop(name) for name in ("causes", "astray")}
+    signals |= call_by_name(model.readings, signals)
+    way = model.way_out(signals["readings"])
     if way is not None:
-        known["causes"] += 2.0**Cause.no_way_out * is_set(way[4])
-    known["usable"] = ca.logic_not(is_set(known["causes"]))
-    known |= landing(model, found, known, shape)
+        signals["causes"] += 2.0**Cause.no_way_out * is_set(way[4])
+    signals["usable"] = ca.logic_not(is_set(signals["causes"]))
+    signals |= landing(model, found, signals, shape)
 
     # The QP and its answer.
-    known |= call_by_name(cost_function(model), known)
-    known["asks"] = recovery_allowed(state["asked"]) if model.asks_back else ca.MX(1)
-    known |= call_by_name(shape(away_function(model)), known)
-    known["stalled"] = stalled(state["rest"])
+    signals |= call_by_name(cost_function(model), signals)
+    signals["asks"] = recovery_allowed(state["asked"]) if model.asks_back else ca.MX(1)
+    signals |= call_by_name(shape(away_function(model)), signals)
+    signals["stalled"] = stalled(state["rest"])
     if guided:
-        known |= call_by_name(pull_function(model), known)
+        signals |= call_by_name(pull_function(model), signals)
         if way is not None:
             pulls = way[3] <= 0
-            known |= {name: pulls * known[name] for name in ("pull_H", "pull_g")}
-    known |= solve_passes(model, solver, known, shape)
+            signals |= {name: pulls * signals[name] for name in ("pull_H", "pull_g")}
+    signals |= solve_passes(model, solver, signals, shape)
 
     # The part of the answer that is certified and sent.
-    known |= call_by_name(gain_function(model), known)
-    known |= call_by_name(shape(judge_function(model)), known, written=True)
-    known["share"] = shortened(model, known)
-    known |= amiss(model, known)
-    known |= call_by_name(shape(account_function(model)), known, written=True)
-    known["next_state"] = joined(model.state, _next_state(model, found, known | watched))
+    signals |= call_by_name(gain_function(model), signals)
+    signals |= call_by_name(shape(judge_function(model)), signals, written=True)
+    signals["share"] = shortened(model, signals)
+    signals |= amiss(model, signals)
+    signals |= call_by_name(shape(account_function(model)), signals, written=True)
+    signals["next_state"] = joined(model.state, _next_state(model, found, signals | watched))
 
-    known |= {"pose_used": known["pose"], "causes": known["all_causes"], "cost": known["value"]}
-    known |= {"slack": known["all_slack"], "multipliers": known["all_multipliers"]}
-    known |= {"fault": watched["said"][-2:], "margins": known["now"]}
+    signals |= {
+        "pose_used": signals["pose"],
+        "causes": signals["all_causes"],
+        "cost": signals["value"],
+    }
+    signals |= {"slack": signals["all_slack"], "multipliers": signals["all_multipliers"]}
+    signals |= {"fault": watched["said"][-2:], "margins": signals["now"]}
     outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ())]
-    results = once([known[name] for name in outputs])
+    results = once([signals[name] for name in outputs])
     return ca.Function(name, list(raw.values()), results, names, outputs)
 
 
@@ -471,28 +475,34 @@ def _contact_pose(problem: Problem) -> ca.Function:
 
 
 def _next_state(
-    model: StepModel, found: PendingMotion, known: Mapping[str, ca.MX]
+    model: StepModel, found: PendingMotion, signals: Mapping[str, ca.MX]
 ) -> dict[str, ca.MX]:
     """Return the parts of the state that a step hands to the next one."""
-    after = {name: known[name] for name in ("compared", "story", "said")}
+    after = {name: signals[name] for name in ("compared", "story", "said")}
     history = next_history(
-        model, known["history"], found, known["planned"], known["twist"], known["still"]
+        model, signals["history"], found, signals["planned"], signals["twist"], signals["still"]
     )
-    after |= {"history": ca.vertcat(*history), "stored": known["pose"], "rest": known["next_rest"]}
-    after["started"] = known["next_started"]
-    after |= {"last_posture": known["posture"], "on_hold": known["on_hold"]}
+    after |= {
+        "history": ca.vertcat(*history),
+        "stored": signals["pose"],
+        "rest": signals["next_rest"],
+    }
+    after["started"] = signals["next_started"]
+    after |= {"last_posture": signals["posture"], "on_hold": signals["on_hold"]}
     if model.problem.robot.owes:
-        seen = ca.logic_or(known["measured"], ca.logic_not(is_set(known["started"])))
+        seen = ca.logic_or(signals["measured"], ca.logic_not(is_set(signals["started"])))
         ends = ca.horzcat(found.up, found.down)
-        after["unsure"] = ca.if_else(seen, ends, known["unsure"])
+        after["unsure"] = ca.if_else(seen, ends, signals["unsure"])
     if model.asks_back:
         limits = model.problem.row_limits
-        after["asked"] = update_recovery_timer(limits, known["asked"], known["now"], known["dt"])
+        after["asked"] = update_recovery_timer(
+            limits, signals["asked"], signals["now"], signals["dt"]
+        )
     if model.compares:
-        compared = {**known, "period": found.dt}
+        compared = {**signals, "period": found.dt}
         after["frames"] = (
-            known["frames"] if model.spare else compared_frames(model.problem, compared)
+            signals["frames"] if model.spare else compared_frames(model.problem, compared)
         )
     if model.guided:
-        after["trial"] = known["next_trial"]
+        after["trial"] = signals["next_trial"]
     return after

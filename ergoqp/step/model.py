@@ -340,7 +340,7 @@ class StepModel:
 
     def context(
         self,
-        known: Mapping[str, Expression],
+        signals: Mapping[str, Expression],
         S: Expression,
         brake: Braking | None = None,
         held: bool = False,
@@ -348,7 +348,7 @@ class StepModel:
         """Return the context, from the symbols of a function of the step.
 
         Args:
-            known: symbols by name: ``posture``, ``observed``, ``readings``, optionally
+            signals: symbols by name: ``posture``, ``observed``, ``readings``, optionally
                 ``previous``, and either ``pose`` for the present pose, or ``landed``, ``way`` and
                 ``shift`` for the landing pose.
             S: sensitivity, only with the entries that can differ from zero.
@@ -358,28 +358,28 @@ class StepModel:
         """
         swing = change = ca.SX(6, 1)
         if brake is not None:
-            swing, change = known["previous"] * brake.swing, brake.change
+            swing, change = signals["previous"] * brake.swing, brake.change
         where = {
-            "posture": known["posture"],
-            "observed": known["observed"],
+            "posture": signals["posture"],
+            "observed": signals["observed"],
             "sensitivity": S,
             "stop_displacement": swing,
             "change": change,
-            "readings": self.by_limit(known["readings"]),
+            "readings": self.by_limit(signals["readings"]),
             "surface": self.problem.surface,
         }
-        if "landed" not in known:
+        if "landed" not in signals:
             still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
-            pose = known.get("pose", ca.SX.eye(4))
+            pose = signals.get("pose", ca.SX.eye(4))
             return LimitContext(pose=pose, pending_displacement=still, shift=stays, **where)
-        way = self.under_way.split(known["way"])
+        way = self.under_way.split(signals["way"])
         reduction, turn = way.margin_reduction, way.turn_held if brake is not None else way.turn
         if held:
             reduction, turn = way.margin_reduction_held, way.turn_held
         return LimitContext(
-            pose=known["landed"],
+            pose=signals["landed"],
             pending_displacement=way.displacement,
-            shift=known["shift"],
+            shift=signals["shift"],
             margin_reduction=reduction,
             turn=turn,
             direction_error=way.direction_error,

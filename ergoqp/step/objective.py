@@ -96,7 +96,7 @@ def _comfort(problem: Problem) -> ca.DM:
 
 
 def objective(
-    model: StepModel, known: Mapping[str, ca.MX], S: ca.MX, E: ca.MX
+    model: StepModel, signals: Mapping[str, ca.MX], S: ca.MX, E: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
     """Return the objective of the QP.
 
@@ -105,7 +105,7 @@ def objective(
 
     Args:
         model: model of the step.
-        known: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled`` and ``readings`` of this
+        signals: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled`` and ``readings`` of this
             step.
         S: sensitivity (n, 6).
         E: contact motion that the posture cannot follow (k, 6).
@@ -115,13 +115,13 @@ def objective(
     """
     problem, control, moved = model.problem, model.problem.control, model.moved
     waits = max(_HESITATES * control.stall_after, 1e-6)
-    hesitates = ca.fmax(ca.fmin(known["stalled"], HUNTING * control.stall_after) / waits - 1, 0)
+    hesitates = ca.fmax(ca.fmin(signals["stalled"], HUNTING * control.stall_after) / waits - 1, 0)
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
-    smoothing = control.smoothing / known["dt"]
+    smoothing = control.smoothing / signals["dt"]
     ahead = control.look_ahead
     S = S[moved, :]
-    slope = S.T @ known["gradient"][moved]
-    excess = ca.fmax(known["total"] - problem.cost.minimum, 0) + CAUTION_EPS
+    slope = S.T @ signals["gradient"][moved]
+    excess = ca.fmax(signals["total"] - problem.cost.minimum, 0) + CAUTION_EPS
     weighted = S * ca.repmat(
         ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6
     )
@@ -132,11 +132,11 @@ def objective(
         + (ahead**2 / 2 / excess) * (slope @ slope.T)
     )
     H += ca.diag(effort * (1 + hesitates**2 + smoothing))
-    g = ahead * slope - smoothing * effort * known["previous"]
-    way, out = model.way_out(known["readings"]), problem.way_out
+    g = ahead * slope - smoothing * effort * signals["previous"]
+    way, out = model.way_out(signals["readings"]), problem.way_out
     if way is None or out is None:
         return H, g
-    H, g = _led_function(problem, out)(H, g, way[:4], known["previous"], known["dt"])
+    H, g = _led_function(problem, out)(H, g, way[:4], signals["previous"], signals["dt"])
     return H, g
 
 

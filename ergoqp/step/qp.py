@@ -159,12 +159,12 @@ def qp_data(problem: Problem) -> ca.Function:
     model = StepModel(problem)
     names = ("posture", "observed", "pose", "previous", "dt", "stalled", "locked", "final")
     given = model.symbols(names, ca.MX)
-    known = given | {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(*model.size("way")))}
-    known |= {"asks": ca.MX(1), "astray": ca.MX(ca.DM.zeros(ASTRAY))}
+    signals = given | {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(*model.size("way")))}
+    signals |= {"asks": ca.MX(1), "astray": ca.MX(ca.DM.zeros(ASTRAY))}
     for function in (model.readings, cost_function(model), away_function(model), pass_data(model)):
-        known |= call_by_name(function, known)
+        signals |= call_by_name(function, signals)
     outputs = [*QP_DATA, "S", "E"]
-    parts = [known[name] for name in outputs]
+    parts = [signals[name] for name in outputs]
     return ca.Function("qp_data", list(given.values()), parts, list(given), outputs)
 
 
@@ -261,8 +261,8 @@ def away_function(model: StepModel) -> ca.Function:
     `doubted` is how much smaller the present margin of a hard row may be than computed, by what is
     not known of the pose.
     """
-    problem, known = model.problem, model.symbols(AWAY)
-    context = model.context(known, model.sparse(ca.SX.ones(*model.size("S"))))
+    problem, signals = model.problem, model.symbols(AWAY)
+    context = model.context(signals, model.sparse(ca.SX.ones(*model.size("S"))))
     above, below, doubted = [ca.SX(0, 1)], [ca.SX(0, 1)], [ca.SX(0, 1)]
     for limit in problem.row_limits:
         rows = limit.rows(context)
@@ -271,16 +271,16 @@ def away_function(model: StepModel) -> ca.Function:
         less = ca.SX.zeros(len(limit.names))
         if limit.hard:
             noise = ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise)
-            off = off_rows(ca.SX(rows.matrix), known["astray"], [limit])
+            off = off_rows(ca.SX(rows.matrix), signals["astray"], [limit])
             upper, lower = (limit.tolerance + noise + part for part in off)
             less = ca.fmin(to_upper, to_lower) - ca.fmin(to_upper - off[0], to_lower - off[1])
         doubted.append(less)
         returning = ca.DM(np.broadcast_to(limit.recovers, rows.matrix.shape[0]).astype(float))
-        asking = returning * (1 if limit.hard else known["asks"]) > 0.5
+        asking = returning * (1 if limit.hard else signals["asks"]) > 0.5
         for found, distance, allowed in ((above, to_upper, upper), (below, to_lower, lower)):
             found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
     outputs = ca.cse(dense([ca.vertcat(*above, *below), ca.vertcat(*doubted)]))
-    return ca.Function("away", list(known.values()), outputs, list(known), ["away", "doubted"])
+    return ca.Function("away", list(signals.values()), outputs, list(signals), ["away", "doubted"])
 
 
 _VECTORS: Final = ("to_lower", "to_upper", "rate", "curvature_margin")
@@ -311,14 +311,14 @@ _PULL: Final = ("pull_H", "pull_g")
 
 
 def solve_passes(
-    model: StepModel, solver: QpSolver, known: Mapping[str, ca.MX], shape: Shape
+    model: StepModel, solver: QpSolver, signals: Mapping[str, ca.MX], shape: Shape
 ) -> dict[str, ca.MX]:
     """Return the answer of the QP after as many passes as there are joints to lock.
 
     Args:
         model: model of the step.
         solver: solver of the QP.
-        known: the inputs of `ergoqp.step.qp.pass_data` except the lock; with a guide also
+        signals: the inputs of `ergoqp.step.qp.pass_data` except the lock; with a guide also
             ``pull_H`` and ``pull_g``, which are added to the objective.
         shape: how functions are written, see `ergoqp.expressions`.
 
@@ -329,8 +329,8 @@ def solve_passes(
     """
     one_pass = _one_pass(model, solver, shape)
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
-    first = call_by_name(one_pass, {**known, **unlocked}, written=True)
-    fixed = [known[name] for name in one_pass.name_in()[:-2]]
+    first = call_by_name(one_pass, {**signals, **unlocked}, written=True)
+    fixed = [signals[name] for name in one_pass.name_in()[:-2]]
     found = written_out(_further_passes(model, one_pass, 1), *fixed, *first.values())
     result = dict(zip(first, found, strict=True))
     return result | {"locked": result.pop("next_locked")}
@@ -395,8 +395,8 @@ _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
 def _newly_locked(model: StepModel) -> ca.Function:
     """Return the function for unlocked joints at their end that would move outward."""
     mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
-    known = {name: mx[name] for name in ("posture", "observed", "readings")}
-    context = model.context(known, mx["S"])
+    signals = {name: mx[name] for name in ("posture", "observed", "readings")}
+    context = model.context(signals, mx["S"])
     outward = ca.MX(ca.DM.zeros(*model.size("locked")))
     for limit in model.problem.row_limits:
         if not limit.yield_zone:

@@ -288,7 +288,7 @@ def update_recovery_timer(
         margins: present margins of all rows (r,).
         dt: period [s].
     """
-    soft = limit_values(limits, "returns") * (1 - limit_values(limits, "hard"))
+    soft = limit_values(limits, "recovers") * (1 - limit_values(limits, "hard"))
     time, tolerance = (
         ca.DM(limit_values(limits, "recovery_time")),
         ca.DM(limit_values(limits, "tolerance")),

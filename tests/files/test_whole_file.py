@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ergoqp.files.atomic import atomic_directory, whole, write_text_atomic
+from ergoqp.files.atomic import atomic_directory, atomic_write, write_text_atomic
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def room_for(size: int) -> Iterator[None]:
 def test_what_is_written_takes_the_place_of_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     path.write_text("before")
-    with whole(path) as scratch:
+    with atomic_write(path) as scratch:
         assert scratch.suffix == ".html"
         scratch.write_text("after")
         assert path.read_text() == "before"
@@ -51,7 +51,7 @@ def test_on_a_full_disk_nothing_is_left_and_what_was_there_stays(tmp_path: Path)
     with room_for(1000):
         with pytest.raises(OSError, match="too large") as told:
             write_text_atomic(path, "x" * 5000)
-        with pytest.raises(OSError, match=r"run\.npz"), whole(numbers) as scratch:
+        with pytest.raises(OSError, match=r"run\.npz"), atomic_write(numbers) as scratch:
             np.savez(scratch, values=np.zeros(1000))
     assert told.value.filename == str(path)
     assert [each.name for each in tmp_path.iterdir()] == ["run.json"]
@@ -66,7 +66,7 @@ def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_meant(tmp_path:
 
 def test_what_ends_the_writing_leaves_nothing(tmp_path: Path) -> None:
     def interrupted() -> None:
-        with whole(tmp_path / "a.txt") as scratch:
+        with atomic_write(tmp_path / "a.txt") as scratch:
             scratch.write_text("half")
             raise KeyboardInterrupt
 

@@ -165,7 +165,7 @@ def test_a_word_that_nobody_knows_is_refused(kind: object) -> None:
     problem = problem_of("screwing")
     with pytest.raises(
         ProblemError,
-        match=r"^limits: holds of wall: got .*, allowed workspace, tool axis, joints, boundary,"
+        match=r"^limits: kind of wall: got .*, allowed workspace, tool axis, joints, boundary,"
         " length, or None$",
     ):
         problem.replace(limits=[*problem.limits, Said((1.0, 0.0, 0.0), 0.1, kind)])

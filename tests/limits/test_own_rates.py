@@ -189,7 +189,7 @@ def test_a_region_of_a_user_is_tried() -> None:
         (WrongWhereOneWorks(), "a matrix that is not the derivative"),
         (Uncounted(), "margins that do not become smaller by context.margin_reduction"),
         (Carefree(hard=False), "margins above the distances at rest"),
-        (Eager(), "a negative rate or reserve"),
+        (Eager(), "a negative rate or curvature margin"),
         (Nowhere(), "NaN, allowed numbers, and inf where there is no end"),
         (Shy(), "margins below the distances at rest"),
     ],

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError
-from ergoqp.files.atomic import whole
+from ergoqp.files.atomic import atomic_write
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
 from ergoqp.report.charts.axes import WIDTH, Plot, changes, padded, width_of, words_of
@@ -313,5 +313,5 @@ def prediction_picture(
     axes.legend(frameon=False, loc="upper left")
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    with whole(path) as scratch:
+    with atomic_write(path) as scratch:
         figure.savefig(scratch)
