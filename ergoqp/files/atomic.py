@@ -19,7 +19,7 @@ _COUNT = itertools.count()
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary file in the same folder as `path`, to write to.
 
     Afterwards it replaces `path` in one move.
@@ -96,7 +96,7 @@ def _own_name() -> str:
 
 
 def write_json(path: Path, values: Any, indent: int = 2) -> None:
-    """Write numbers, texts, lists and dicts as JSON, see `whole`.
+    """Write numbers, texts, lists and dicts as JSON, see `atomic_write`.
 
     Raises:
         OSError: if the file cannot be written.
@@ -108,12 +108,12 @@ def write_json(path: Path, values: Any, indent: int = 2) -> None:
 
 
 def write_text_atomic(path: Path, text: str) -> None:
-    """Write a text file, see `whole`.
+    """Write a text file, see `atomic_write`.
 
     Characters that UTF-8 cannot encode, for example in a file name, become question marks.
 
     Raises:
         OSError: if the file cannot be written.
     """
-    with whole(path) as scratch:
+    with atomic_write(path) as scratch:
         scratch.write_text(text, encoding="utf-8", errors="replace")

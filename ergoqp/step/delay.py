@@ -328,8 +328,8 @@ def landing(
     Args:
         model: model of the step.
         found: the motion under way.
-        signals: ``readings``; ``pose`` as measured, or as far as it is known (4, 4), and ``astray``:
-            how far the object may be from it, see `ergoqp.step.layout.ASTRAY`. If the
+        signals: ``readings``; ``pose`` as measured, or as far as it is known (4, 4), and
+            ``astray``: how far the object may be from it, see `ergoqp.step.layout.ASTRAY`. If the
             declared
             robot may be late also ``doubt``: how far the object may be behind this pose, along each
             axis and against it (6, 2) [m, rad].
