@@ -27,6 +27,7 @@ def parts(qp: Qp) -> list[np.ndarray]:
     return [getattr(qp, name) for name in PARTS]
 
 
+@pytest.mark.slow
 def test_the_recorded_answers_are_certified_by_two_solvers() -> None:
     assert {part.sequence.size for part in recordings()} == {(6, 17), (23, 17), (6, 22), (6, 2)}
     for qps in samples():

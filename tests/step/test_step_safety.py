@@ -521,6 +521,7 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
             previous = step.twist
 
 
+@pytest.mark.slow
 def test_a_short_fuzz_finds_nothing_wrong() -> None:
     fuzz = pytest.importorskip(
         "tools.fuzz.fuzz", reason="the benchmarks of the checkout are not importable here"
