@@ -166,15 +166,15 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
-    suppress_stdout = ca.SX(6, 1)
+    unheard = ca.SX(6, 1)
     if "held" in now:
         # The motion during a late call was not reported.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
-        suppress_stdout = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        unheard = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(
         drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
     )
-    by_twist = length((late - slack - suppress_stdout) / (_EARLY * unit))
+    by_twist = length((late - slack - unheard) / (_EARLY * unit))
     if problem.robot.owes:
         # The sent twists give only the largest possible speed of a late robot.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
