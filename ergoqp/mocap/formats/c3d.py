@@ -27,7 +27,14 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import TableOptions, binary, repeated, seconds, short, some
+from ergoqp.mocap.formats.text import (
+    TableOptions,
+    binary,
+    count_repeated_frames,
+    short,
+    some,
+    to_seconds,
+)
 from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
@@ -470,7 +477,7 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         positions, bent = _frames(
             file, head, count, list(markers.values()), list(angles.values()), progress
         )
-    time, _, uniform = seconds(path.name, np.arange(count) / head.rate, 1.0)
+    time, _, uniform = to_seconds(path.name, np.arange(count) / head.rate, 1.0)
     if others := len(labels) - len(markers) - len(angles):
         notes.append(f"{others} points are computed (forces, moments, powers) and left out.")
     units = head.text("POINT", "UNITS")
@@ -482,7 +489,7 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         positions,
         time,
         None,
-        (*head.notes, *said, *notes, *uniform, *repeated(positions)),
+        (*head.notes, *said, *notes, *uniform, *count_repeated_frames(positions)),
         angles={
             f"{name} {axis}": bent[:, i, j]
             for i, name in enumerate(angles)

@@ -15,8 +15,8 @@ from ergoqp.mocap.formats.text import (
     GrowableArray,
     TableOptions,
     TextLines,
+    drop_duplicate_times,
     is_number,
-    once,
     short,
     some,
     tick_of,
@@ -263,7 +263,7 @@ def side_by_side(
                 f"{name}: time runs backwards from {before:.10g} to {after:.10g}, allowed times"
                 " that increase"
             )
-        taken, said = once(name, keys[own], [positions[own]], remedy)
+        taken, said = drop_duplicate_times(name, keys[own], [positions[own]], remedy)
         own = own[taken]
         out[np.searchsorted(stamps, keys[own]), at * count : (at + 1) * count] = positions[own]
         notes += [f"Of {short(labels[person])}: {each}" for each in said]

@@ -25,11 +25,11 @@ from ergoqp.mocap.formats.text import (
     blocks,
     cells,
     count_of,
+    count_repeated_frames,
     is_number,
     poses_of,
-    repeated,
-    seconds,
     short,
+    to_seconds,
     unit_turns,
 )
 from ergoqp.mocap.recording import JointMotion
@@ -120,7 +120,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
     notes = _counted(path, stated, len(places))
     positions, quaternions = places.whole, turns.whole
     stamps = _times(numbered.whole, stated)
-    time, kept, said = seconds(path.name, stamps, 1.0, [positions, quaternions])
+    time, kept, said = to_seconds(path.name, stamps, 1.0, [positions, quaternions])
     if not kept.all():
         positions, quaternions = positions[kept], quaternions[kept]
     units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}
@@ -135,7 +135,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         positions,
         time,
         None,
-        (*said, *notes, *repeated(positions)),
+        (*said, *notes, *count_repeated_frames(positions)),
         turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},
         objects=objects,
         markers=not bones and any(t.kind != "Rigid Body" for t in points.values()),

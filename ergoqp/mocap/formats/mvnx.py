@@ -26,9 +26,9 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     binary,
     count_of,
-    repeated,
-    seconds,
+    count_repeated_frames,
     short,
+    to_seconds,
     unit_turns,
 )
 from ergoqp.mocap.recording import JointMotion
@@ -313,9 +313,9 @@ def read_mvnx(path: Path, progress: Progress, asked: TableOptions) -> JointMotio
                 if _last(path, people).add(kind, str(element.get("index")), found, share):
                     progress(share)
     motion, stamps = together(path, people)
-    time, kept, notes = seconds(path.name, stamps, 1.0, [motion.positions])
+    time, kept, notes = to_seconds(path.name, stamps, 1.0, [motion.positions])
     motion = replace(motion if kept.all() else motion.at(kept), time=time)
-    return replace(motion, notes=(*notes, *motion.notes, *repeated(motion.positions)))
+    return replace(motion, notes=(*notes, *motion.notes, *count_repeated_frames(motion.positions)))
 
 
 def _last(path: Path, people: list[Wearer]) -> Wearer:

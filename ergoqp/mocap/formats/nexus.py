@@ -22,11 +22,11 @@ from ergoqp.mocap.formats.text import (
     binary,
     blocks,
     cells,
+    count_repeated_frames,
     is_number,
-    repeated,
-    seconds,
     separator_of,
     short,
+    to_seconds,
 )
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
@@ -79,7 +79,7 @@ def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     if not frames:
         raise RecordingError(f"{path.name}: got no frame of trajectories, allowed rows of numbers")
     positions = places.whole
-    time, kept, notes = seconds(path.name, frames.whole / float(stated), 1.0, [positions])
+    time, kept, notes = to_seconds(path.name, frames.whole / float(stated), 1.0, [positions])
     positions = positions if kept.all() else positions[kept]
     if lost:
         notes.append(f"{lost} trajectories have no label and are left out.")
@@ -88,7 +88,7 @@ def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
         positions,
         time,
         None,
-        (*notes, *repeated(positions)),
+        (*notes, *count_repeated_frames(positions)),
         markers=True,
         unit=_UNITS[units.pop()],
     )

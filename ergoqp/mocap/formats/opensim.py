@@ -42,10 +42,10 @@ from ergoqp.mocap.formats.text import (
     blocks,
     cells,
     count_of,
-    seconds,
     separator_of,
     short,
     some,
+    to_seconds,
 )
 from ergoqp.mocap.naming import CENTRES, parted
 from ergoqp.mocap.recording import JointMotion
@@ -103,7 +103,7 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
     if not rows:
         raise RecordingError(f"{path.name}: got no row below the names, allowed rows of numbers")
     values = rows.whole
-    time, kept, notes = seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
+    time, kept, notes = to_seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
         notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")
     degrees = stated.get("indegrees", "no") in {"yes", "true", "1"}

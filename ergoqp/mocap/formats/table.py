@@ -36,14 +36,14 @@ from ergoqp.mocap.formats.text import (
     binary,
     blocks,
     cells,
+    count_repeated_frames,
     is_nothing,
     is_number,
-    repeated,
-    seconds,
     separator_of,
     short,
     some,
-    steady,
+    to_seconds,
+    uniform_times,
 )
 from ergoqp.mocap.recording import JointMotion
 
@@ -212,7 +212,7 @@ class _Table:
                 " used."
             )
         if self._rate is not None:
-            time, said = steady(self._where, len(positions), self._rate)
+            time, said = uniform_times(self._where, len(positions), self._rate)
             if keys is not None and numbered:
                 time = (keys - keys[0]) / self._rate
             if layout.time is not None:
@@ -222,14 +222,14 @@ class _Table:
                 )
         else:
             assert keys is not None
-            time, kept, said = seconds(self._where, keys, layout.tick, [positions], _RATE)
+            time, kept, said = to_seconds(self._where, keys, layout.tick, [positions], _RATE)
             positions = positions if kept.all() else positions[kept]
         return JointMotion(
             names,
             positions,
             time,
             None,
-            (*said, *notes, *repeated(positions)),
+            (*said, *notes, *count_repeated_frames(positions)),
             unit=layout.unit,
         )
 

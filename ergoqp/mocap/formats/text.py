@@ -450,7 +450,7 @@ _SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
 """First letter of a unit of time -> the unit [s]; the mu is the Greek one that `casefold` gives."""
 
 
-def seconds(
+def to_seconds(
     where: str,
     stamps: np.ndarray,
     unit: float | None = None,
@@ -499,12 +499,12 @@ def seconds(
         if unit != 1.0:
             notes.append(f"Times are taken as {_UNITS[unit]}.")
     time = unit * time
-    kept, said = once(where, time, shown, remedy)
+    kept, said = drop_duplicate_times(where, time, shown, remedy)
     time = time if kept.all() else time[kept]
     return time, kept, [*said, *notes, _spacing(time)]
 
 
-def once(
+def drop_duplicate_times(
     where: str, time: np.ndarray, shown: Sequence[np.ndarray], remedy: str = ""
 ) -> tuple[np.ndarray, list[str]]:
     """Return the frames with another time than the frame before, (n,) bool, and sentences.
@@ -580,7 +580,7 @@ def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
     ]
 
 
-def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
+def uniform_times(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
     """Return times from zero [s] of frames whose rate was stated [Hz], and sentences.
 
     Raises:
@@ -591,7 +591,7 @@ def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
     return np.arange(count) / rate, [f"There are {rate:g} frames per second, as stated."]
 
 
-def repeated(positions: np.ndarray) -> list[str]:
+def count_repeated_frames(positions: np.ndarray) -> list[str]:
     """Return a sentence with the number of frames that repeat the frame before, if many do."""
     count = 0
     for at in range(1, len(positions), _BLOCK):

@@ -23,11 +23,11 @@ from ergoqp.mocap.formats.text import (
     blocks,
     cells,
     count_of,
+    count_repeated_frames,
     is_number,
-    repeated,
-    seconds,
     separator_of,
     short,
+    to_seconds,
     unit_by_rate,
 )
 from ergoqp.mocap.recording import JointMotion
@@ -83,7 +83,7 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     # Some programs write other units than seconds, which follow from the rate.
     rate = stated.get("datarate", "").replace(",", ".")
     second, said = unit_by_rate(stamps.whole, float(rate)) if is_number(rate) else (1.0, [])
-    time, kept, notes = seconds(path.name, stamps.whole, second, [positions])
+    time, kept, notes = to_seconds(path.name, stamps.whole, second, [positions])
     notes = [*said, *notes]
     positions = positions if kept.all() else positions[kept]
     for key, found, what in (
@@ -98,7 +98,7 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         positions,
         time,
         None,
-        (*notes, *repeated(positions)),
+        (*notes, *count_repeated_frames(positions)),
         markers=True,
         unit=UNITS.get(unit, UNITS_WORDS.get(unit)),
     )
