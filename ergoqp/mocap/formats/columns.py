@@ -301,13 +301,13 @@ _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 
 
 @dataclass(frozen=True)
-class Layout:
+class ColumnLayout:
     """Meaning of the columns of a table.
 
     Attributes:
         points: name -> the columns of x, y and z.
         width: number of columns.
-        heads: names of the columns in messages.
+        names: names of the columns in messages.
         sure: the confidence columns.
         time: the column of the times, or None.
         fine: the column of nanoseconds that are added to the times, or None.
@@ -320,7 +320,7 @@ class Layout:
 
     points: dict[str, tuple[int, int, int]]
     width: int
-    heads: Sequence[str] = ()
+    names: Sequence[str] = ()
     sure: Sequence[ConfidenceColumn] = ()
     time: int | None = None
     fine: int | None = None
@@ -330,9 +330,9 @@ class Layout:
     unit: float | None = None
     unread: Sequence[int] = ()
 
-    def head(self, column: int) -> str:
+    def name_of(self, column: int) -> str:
         """Return the name of a column for messages."""
-        named = self.heads[column] if column < len(self.heads) else ""
+        named = self.names[column] if column < len(self.names) else ""
         return named or f"number {column + 1}"
 
 
@@ -373,7 +373,7 @@ class _Found:
             self.others.append(column)
 
 
-def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
+def layout_from_header(lines: TextLines, head: list[list[str]], width: int) -> ColumnLayout:
     """Return the layout that the rows above the numbers state.
 
     Args:
@@ -411,7 +411,7 @@ def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
         for i in alike.get(stem, ())
     ]
     time, fine = _with_nanoseconds(row, found.time)
-    return Layout(
+    return ColumnLayout(
         points,
         max(width, len(row)),
         row,
@@ -426,7 +426,7 @@ def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
     )
 
 
-def layout_asked(lines: TextLines, first: list[str], asked: TableOptions) -> Layout:
+def layout_without_header(lines: TextLines, first: list[str], asked: TableOptions) -> ColumnLayout:
     """Return the layout of a table without names.
 
     Args:
@@ -455,7 +455,7 @@ def layout_asked(lines: TextLines, first: list[str], asked: TableOptions) -> Lay
             line,
         )
     points = {name: (3 * i, 3 * i + 1, 3 * i + 2) for i, name in enumerate(asked.columns)}
-    return Layout(points, width)
+    return ColumnLayout(points, width)
 
 
 def _without_units(

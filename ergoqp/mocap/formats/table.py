@@ -19,11 +19,11 @@ from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.columns import (
     Clock,
+    ColumnLayout,
     ConfidenceFilter,
-    Layout,
     People,
-    layout_asked,
-    layout_of,
+    layout_from_header,
+    layout_without_header,
     side_by_side,
     surety,
 )
@@ -47,7 +47,7 @@ from ergoqp.mocap.formats.text import (
 )
 from ergoqp.mocap.recording import JointMotion
 
-_HEAD: Final = 20
+_HEADER_LINES: Final = 20
 """Largest number of lines above the numbers that are not empty; Qualisys writes twelve."""
 _BLANK: Final = 1000
 """Largest number of empty lines above the numbers."""
@@ -71,13 +71,13 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
-        head, first, line = _head(lines)
+        head, first, line = _read_header(lines)
         separator = separator_of(first, *reversed(head))
         words = cells(first, separator)
         layout = (
-            layout_of(lines, [cells(row, separator) for row in head], len(words))
+            layout_from_header(lines, [cells(row, separator) for row in head], len(words))
             if head
-            else layout_asked(lines, words, asked)
+            else layout_without_header(lines, words, asked)
         )
         if layout.time is None and asked.rate is None:
             raise RecordingError(
@@ -97,7 +97,7 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
 class _Table:
     """The numbers of a table, as they are read."""
 
-    def __init__(self, where: str, layout: Layout, rate: float | None) -> None:
+    def __init__(self, where: str, layout: ColumnLayout, rate: float | None) -> None:
         self._where = where
         self._layout = layout
         self._rate = rate
@@ -132,7 +132,7 @@ class _Table:
         texts = {i for i, word in enumerate(words) if not is_nothing(word) and not is_number(word)}
         if wrong := [column for column in self._points if column in texts]:
             lines.fail(
-                f"got {short(words[wrong[0]])} in the column {short(layout.head(wrong[0]))},"
+                f"got {short(words[wrong[0]])} in the column {short(layout.name_of(wrong[0]))},"
                 " allowed a number",
                 line,
             )
@@ -143,7 +143,7 @@ class _Table:
             i: surety for i, column in enumerate(columns) if column in sure and column in texts
         }
         if self._key is not None and self._key in texts:
-            told[columns.index(self._key, len(self._points))] = Clock(layout.head(self._key))
+            told[columns.index(self._key, len(self._points))] = Clock(layout.name_of(self._key))
         if layout.whose is not None:
             told[len(columns) - 1] = self._people
         return ColumnSelection(columns, told)
@@ -161,8 +161,8 @@ class _Table:
         if not (columns := sorted({*layout.unread, *texts})):
             return []
         if len(columns) == 1:
-            return [f"The column {layout.head(columns[0])} is not read."]
-        return [f"The columns {some([layout.head(each) for each in columns], 6)} are not read."]
+            return [f"The column {layout.name_of(columns[0])} is not read."]
+        return [f"The columns {some([layout.name_of(each) for each in columns], 6)} are not read."]
 
     def add(self, values: np.ndarray, share: float) -> None:
         """Add rows of the chosen columns."""
@@ -208,7 +208,7 @@ class _Table:
             numbered = self._numbered
         elif layout.whose is not None and (self._people.counts or len(self._people.labels) > 1):
             notes.append(
-                f"The column {layout.head(layout.whose)} has another value in each row and is not"
+                f"The column {layout.name_of(layout.whose)} has another value in each row and is not"
                 " used."
             )
         if self._rate is not None:
@@ -217,7 +217,7 @@ class _Table:
                 time = (keys - keys[0]) / self._rate
             if layout.time is not None:
                 said.append(
-                    f"The times of the column {layout.head(layout.time)} are not used: the frames"
+                    f"The times of the column {layout.name_of(layout.time)} are not used: the frames"
                     " per second are stated (rate)."
                 )
         else:
@@ -242,7 +242,7 @@ def _seen(positions: np.ndarray) -> int:
     return count
 
 
-def _head(lines: TextLines) -> tuple[list[str], str, int]:
+def _read_header(lines: TextLines) -> tuple[list[str], str, int]:
     """Return the rows above the numbers that are not empty, the first row of numbers and its line.
 
     The first row of numbers remains to be read, and so do empty rows above it, which may be frames.
@@ -251,7 +251,7 @@ def _head(lines: TextLines) -> tuple[list[str], str, int]:
     head: list[str] = []
     rows: list[str] = []
     numbers, empty = 0, 0
-    while len(head) + numbers < _HEAD and empty < _BLANK:
+    while len(head) + numbers < _HEADER_LINES and empty < _BLANK:
         taken = lines.take(1)
         if not taken and numbers:
             break
