@@ -37,7 +37,7 @@ _LOST: Final = frozenset(
 """Words of trackers for a joint that they do not see, without separators of words."""
 
 
-class Clock:
+class ClockTimeParser:
     """Conversion of a column of clock times, with or without dates, to seconds."""
 
     def __init__(self, where: str = "") -> None:
@@ -52,7 +52,7 @@ class Clock:
 
         Without dates, a clock that goes back by more than half a day has passed midnight.
 
-        >>> clock = Clock()
+        >>> clock = ClockTimeParser()
         >>> clock("23:59:59.5"), clock("00:00:01")
         ('86399.5', '86401.0')
 
@@ -82,11 +82,11 @@ class Clock:
         return repr(_DAY * (day - self._first + self._days) + seconds)
 
 
-def surety(word: str) -> str:
+def parse_tracking_state(word: str) -> str:
     """Return the confidence that a tracker's word for a joint stands for, as a number in words.
 
-    >>> surety("NOT_TRACKED"), surety("Inferred"), surety("0.7")
-    ('0', '1', '0.7')
+    >>> [parse_tracking_state(word) for word in ("NOT_TRACKED", "Inferred", "0.7")]
+    ['0', '1', '0.7']
     """
     if is_number(word):
         return word
@@ -138,18 +138,18 @@ class ConfidenceFilter:
         # Half precision is enough for a scale, and a scale beyond a hundred has no threshold.
         self._values.add(np.clip(values, -1, 2 * _HUNDRED).astype(np.float16), share)
 
-    def blank(self, positions: np.ndarray) -> list[str]:
-        """Set unsure positions (n, m, 3) to NaN, in place, and return sentences with the counts."""
+    def mask_low_confidence(self, positions: np.ndarray) -> list[str]:
+        """Set positions (n, m, 3) of a low confidence to NaN, in place; return their counts."""
         if not self._values:
             return []
-        values = self._values.whole
+        values = self._values.view
         lost = dict.fromkeys(self._most, 0)
         for i, each in enumerate(self._columns):
             least = self._threshold(each.head)
-            sure = values[:, i] >= least if least else values[:, i] > 0
+            seen = values[:, i] >= least if least else values[:, i] > 0
             places = positions[:, each.point]
-            lost[each.head] += int((~sure & np.isfinite(places).any(axis=1)).sum())
-            places[~sure] = np.nan
+            lost[each.head] += int((~seen & np.isfinite(places).any(axis=1)).sum())
+            places[~seen] = np.nan
         total = positions.shape[0] * positions.shape[1]
         return [
             f"{count} of {total} places are taken as not seen: their {head} is"
@@ -290,7 +290,7 @@ _OTHER: Final = re.compile(
     re.IGNORECASE,
 )
 """Known heads of a joint's columns that are neither positions nor confidences."""
-_SURE: Final = re.compile(
+_CONFIDENCE: Final = re.compile(
     r"(?P<name>.*?)[\s._:/-]*(?P<head>confidence(?:[\s_]?level)?|visibility|likelihood|score|"
     r"quality|(?:joint)?tracking[\s_]?state|(?:(?<=[\s._:/-])|\A)(?:conf|state|tracked|valid|"
     r"visible|probability|prob|p|c))\s*(?:[\[(].*[\])])?",
@@ -308,7 +308,7 @@ class ColumnLayout:
         points: name -> the columns of x, y and z.
         width: number of columns.
         names: names of the columns in messages.
-        sure: the confidence columns.
+        confidence: the confidence columns.
         time: the column of the times, or None.
         fine: the column of nanoseconds that are added to the times, or None.
         tick: unit of the times [s], or None.
@@ -321,7 +321,7 @@ class ColumnLayout:
     points: dict[str, tuple[int, int, int]]
     width: int
     names: Sequence[str] = ()
-    sure: Sequence[ConfidenceColumn] = ()
+    confidence: Sequence[ConfidenceColumn] = ()
     time: int | None = None
     fine: int | None = None
     tick: float | None = None
@@ -342,7 +342,7 @@ class _Found:
 
     axes: dict[str, dict[str, int]] = field(default_factory=dict)
     twice: dict[str, str] = field(default_factory=dict)
-    sure: list[tuple[str, str, int]] = field(default_factory=list)
+    confidence: list[tuple[str, str, int]] = field(default_factory=list)
     others: list[int] = field(default_factory=list)
     time: int | None = None
     frame: int | None = None
@@ -361,8 +361,8 @@ class _Found:
             self.whose = column if self.whose is None else self.whose
         elif bare in _FRAMES:
             self.frame = column if self.frame is None else self.frame
-        elif sure := _SURE.fullmatch(word.lower()):
-            self.sure.append((sure["name"], sure["head"], column))
+        elif confidence := _CONFIDENCE.fullmatch(word.lower()):
+            self.confidence.append((confidence["name"], confidence["head"], column))
         elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
             axes = self.axes.setdefault(name, {})
             if match["axis"].lower() in axes:
@@ -405,9 +405,9 @@ def layout_from_header(lines: TextLines, head: list[list[str]], width: int) -> C
     alike: dict[str, list[int]] = {}
     for i, name in enumerate(points):
         alike.setdefault(name.lower(), []).append(i)
-    sure = [
+    confidence = [
         ConfidenceColumn(column, i, head)
-        for stem, head, column in found.sure
+        for stem, head, column in found.confidence
         for i in alike.get(stem, ())
     ]
     time, fine = _with_nanoseconds(row, found.time)
@@ -415,7 +415,7 @@ def layout_from_header(lines: TextLines, head: list[list[str]], width: int) -> C
         points,
         max(width, len(row)),
         row,
-        sure,
+        confidence,
         time,
         fine,
         found.tick if fine is None else 1.0,
@@ -479,7 +479,7 @@ def _named(head: list[list[str]]) -> list[str]:
     above = [*head[-2], *[""] * len(row)][: len(row)]
     return [
         f"{name}.{axis['axis'] if axis else word}"
-        if axis or _SURE.fullmatch(word.lower())
+        if axis or _CONFIDENCE.fullmatch(word.lower())
         else f"{over} ({word})"
         if tick_of(word) and time_head(over)[0]
         else word or over

@@ -118,8 +118,8 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
     if not numbered:
         raise RecordingError(f"{path.name}: got no frame, allowed a take with movement in it")
     notes = _counted(path, stated, len(places))
-    positions, quaternions = places.whole, turns.whole
-    stamps = _times(numbered.whole, stated)
+    positions, quaternions = places.view, turns.view
+    stamps = _times(numbered.view, stated)
     time, kept, said = to_seconds(path.name, stamps, 1.0, [positions, quaternions])
     if not kept.all():
         positions, quaternions = positions[kept], quaternions[kept]

@@ -141,7 +141,7 @@ class Wearer:
             )
         if self._block:
             self._take(1.0)
-        positions, quaternions, bent = (each.whole for each in self.gathered)
+        positions, quaternions, bent = (each.view for each in self.gathered)
         note = f"{self.posed} calibration poses (N-pose, T-pose) of the file are left out."
         motion = JointMotion(
             tuple(self.segments),

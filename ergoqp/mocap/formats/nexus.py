@@ -78,8 +78,8 @@ def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
             places.add(block, lines.share)
     if not frames:
         raise RecordingError(f"{path.name}: got no frame of trajectories, allowed rows of numbers")
-    positions = places.whole
-    time, kept, notes = to_seconds(path.name, frames.whole / float(stated), 1.0, [positions])
+    positions = places.view
+    time, kept, notes = to_seconds(path.name, frames.view / float(stated), 1.0, [positions])
     positions = positions if kept.all() else positions[kept]
     if lost:
         notes.append(f"{lost} trajectories have no label and are left out.")

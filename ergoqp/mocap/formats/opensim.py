@@ -102,7 +102,7 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
             rows.add(block, lines.share)
     if not rows:
         raise RecordingError(f"{path.name}: got no row below the names, allowed rows of numbers")
-    values = rows.whole
+    values = rows.view
     time, kept, notes = to_seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
         notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")

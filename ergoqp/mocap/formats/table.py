@@ -18,14 +18,14 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.columns import (
-    Clock,
+    ClockTimeParser,
     ColumnLayout,
     ConfidenceFilter,
     People,
     layout_from_header,
     layout_without_header,
+    parse_tracking_state,
     side_by_side,
-    surety,
 )
 from ergoqp.mocap.formats.text import (
     EMPTY,
@@ -102,7 +102,7 @@ class _Table:
         self._layout = layout
         self._rate = rate
         self._people = People()
-        self._doubts = ConfidenceFilter(layout.sure)
+        self._confidence = ConfidenceFilter(layout.confidence)
         self._places, self._keys, self._whose = GrowableArray(), GrowableArray(), GrowableArray()
         self._points = [c for columns in layout.points.values() for c in columns]
         several = layout.whose is not None
@@ -136,14 +136,18 @@ class _Table:
                 " allowed a number",
                 line,
             )
-        sure = [each.column for each in layout.sure]
+        confidence = [each.column for each in layout.confidence]
         others = [c for c in (self._key, self._fine, layout.whose) if c is not None]
-        columns = [*self._points, *sure, *others]
+        columns = [*self._points, *confidence, *others]
         told: dict[int, Callable[[str], str]] = {
-            i: surety for i, column in enumerate(columns) if column in sure and column in texts
+            i: parse_tracking_state
+            for i, column in enumerate(columns)
+            if column in confidence and column in texts
         }
         if self._key is not None and self._key in texts:
-            told[columns.index(self._key, len(self._points))] = Clock(layout.name_of(self._key))
+            told[columns.index(self._key, len(self._points))] = ClockTimeParser(
+                layout.name_of(self._key)
+            )
         if layout.whose is not None:
             told[len(columns) - 1] = self._people
         return ColumnSelection(columns, told)
@@ -151,7 +155,7 @@ class _Table:
     def unread(self, words: list[str]) -> list[str]:
         """Return a sentence with the columns that are not read although a user may expect it."""
         layout = self._layout
-        used = {*self._points, *(each.column for each in layout.sure)}
+        used = {*self._points, *(each.column for each in layout.confidence)}
         used |= {layout.time, layout.fine, layout.frame, layout.whose}
         texts = [
             i
@@ -166,27 +170,27 @@ class _Table:
 
     def add(self, values: np.ndarray, share: float) -> None:
         """Add rows of the chosen columns."""
-        points, sure = len(self._points), len(self._layout.sure)
+        points, confidence = len(self._points), len(self._layout.confidence)
         block = values[:, :points].astype(np.float32).reshape(len(values), -1, 3)
         self._places.add(block, share)
-        if sure:
-            self._doubts.add(values[:, points : points + sure], share)
+        if confidence:
+            self._confidence.add(values[:, points : points + confidence], share)
         if self._key is not None:
-            keys = values[:, points + sure]
+            keys = values[:, points + confidence]
             if self._fine is not None:
-                keys = keys + 1e-9 * values[:, points + sure + 1]
+                keys = keys + 1e-9 * values[:, points + confidence + 1]
             self._keys.add(keys, share)
         if self._layout.whose is not None:
             self._whose.add(values[:, -1], share)
 
     def motion(self, notes: list[str]) -> JointMotion:
         """Return the motion that was read, with further sentences."""
-        layout, names, positions = self._layout, tuple(self._layout.points), self._places.whole
-        keys = self._keys.whole if self._key is not None else None
+        layout, names, positions = self._layout, tuple(self._layout.points), self._places.view
+        keys = self._keys.view if self._key is not None else None
         if layout.time is None:
             last = _seen(positions)
             positions, keys = positions[:last], keys if keys is None else keys[:last]
-        notes += self._doubts.blank(positions)
+        notes += self._confidence.mask_low_confidence(positions)
         numbered = False
         if layout.whose is not None and self._people.are_several(keys):
             if keys is None:
@@ -199,7 +203,7 @@ class _Table:
                 self._where,
                 names,
                 positions,
-                self._whose.whole[: len(positions)],
+                self._whose.view[: len(positions)],
                 self._people,
                 keys,
                 _RATE if layout.frame is not None else "",
@@ -208,8 +212,8 @@ class _Table:
             numbered = self._numbered
         elif layout.whose is not None and (self._people.counts or len(self._people.labels) > 1):
             notes.append(
-                f"The column {layout.name_of(layout.whose)} has another value in each row and is not"
-                " used."
+                f"The column {layout.name_of(layout.whose)} has another value in each row and is"
+                " not used."
             )
         if self._rate is not None:
             time, said = uniform_times(self._where, len(positions), self._rate)
@@ -217,8 +221,8 @@ class _Table:
                 time = (keys - keys[0]) / self._rate
             if layout.time is not None:
                 said.append(
-                    f"The times of the column {layout.name_of(layout.time)} are not used: the frames"
-                    " per second are stated (rate)."
+                    f"The times of the column {layout.name_of(layout.time)} are not used: the"
+                    " frames per second are stated (rate)."
                 )
         else:
             assert keys is not None

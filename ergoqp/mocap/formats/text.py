@@ -266,7 +266,7 @@ class GrowableArray:
         return self._count
 
     @property
-    def whole(self) -> np.ndarray:
+    def view(self) -> np.ndarray:
         """All rows."""
         assert self._all is not None
         return self._all[: self._count]

@@ -79,11 +79,11 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
             places.add(block, lines.share)
     if not stamps:
         raise RecordingError(f"{path.name}: got no row of numbers, allowed a row for each frame")
-    positions = places.whole
+    positions = places.view
     # Some programs write other units than seconds, which follow from the rate.
     rate = stated.get("datarate", "").replace(",", ".")
-    second, said = unit_by_rate(stamps.whole, float(rate)) if is_number(rate) else (1.0, [])
-    time, kept, notes = to_seconds(path.name, stamps.whole, second, [positions])
+    second, said = unit_by_rate(stamps.view, float(rate)) if is_number(rate) else (1.0, [])
+    time, kept, notes = to_seconds(path.name, stamps.view, second, [positions])
     notes = [*said, *notes]
     positions = positions if kept.all() else positions[kept]
     for key, found, what in (
