@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -176,11 +176,6 @@ _COUNTED: Final = 1000
 """Number of different values, one per row, from which a column is taken as a count of the rows."""
 
 
-def is_whose(squashed_head: str) -> bool:
-    """Return whether a column states the person, by its head without separators of words."""
-    return squashed_head in _PEOPLE
-
-
 class People:
     """The people that a column names, numbered in the order in which they appear."""
 
@@ -300,7 +295,7 @@ _NANO: Final = re.compile(r"(?P<stem>(?:.*[\s._:/-])?)(?:nano_?sec(?:ond)?s?|nse
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 
 
-@dataclass(frozen=True)
+@dataclass
 class ColumnLayout:
     """Meaning of the columns of a table.
 
@@ -336,94 +331,71 @@ class ColumnLayout:
         return named or f"number {column + 1}"
 
 
-@dataclass
-class _Found:
-    """Meaning of the words in the row of names, by column."""
-
-    axes: dict[str, dict[str, int]] = field(default_factory=dict)
-    twice: dict[str, str] = field(default_factory=dict)
-    confidence: list[tuple[str, str, int]] = field(default_factory=list)
-    others: list[int] = field(default_factory=list)
-    time: int | None = None
-    frame: int | None = None
-    whose: int | None = None
-    unit: float | None = None
-    tick: float | None = None
-
-    def add(self, column: int, word: str) -> None:
-        """Add a column with its word."""
-        is_time, tick = time_head(word)
-        bare = squashed(word)
-        if is_time:
-            if self.time is None:
-                self.time, self.tick = column, tick or self.tick
-        elif is_whose(bare):
-            self.whose = column if self.whose is None else self.whose
-        elif bare in _FRAMES:
-            self.frame = column if self.frame is None else self.frame
-        elif confidence := _CONFIDENCE.fullmatch(word.lower()):
-            self.confidence.append((confidence["name"], confidence["head"], column))
-        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
-            axes = self.axes.setdefault(name, {})
-            if match["axis"].lower() in axes:
-                self.twice.setdefault(name, word)
-            axes[match["axis"].lower()] = column
-            self.unit = _METRES.get((match["unit"] or "").lower(), self.unit)
-        else:
-            self.others.append(column)
-
-
-def layout_from_header(lines: TextLines, head: list[list[str]], width: int) -> ColumnLayout:
+def layout_from_header(lines: TextLines, header: list[list[str]], width: int) -> ColumnLayout:
     """Return the layout that the rows above the numbers state.
 
     Args:
         lines: the file, for messages.
-        head: the rows, in words.
+        header: the rows, in words.
         width: number of words in the first row of numbers.
 
     Raises:
         RecordingError: if they name no points.
     """
-    head, unit, tick = _without_units(head)
-    row = _named(head)
-    found = _Found(unit=unit, tick=tick)
+    header, unit, tick = _without_units(header)
+    row = _named(header)
+    layout = ColumnLayout({}, max(width, len(row)), row, unit=unit, tick=tick)
+    axes: dict[str, dict[str, int]] = {}
+    twice: dict[str, str] = {}
+    confidences: list[tuple[str, str, int]] = []
+    others: list[int] = []
     for column, word in enumerate(row):
-        if len(word) <= _LONGEST:
-            found.add(column, word)
-    points = {
-        name: (axes["x"], axes["y"], axes["z"])
-        for name, axes in found.axes.items()
-        if len(axes) == 3
+        if len(word) > _LONGEST:
+            continue
+        is_time, tick = time_head(word)
+        bare = squashed(word)
+        if is_time:
+            if layout.time is None:
+                layout.time, layout.tick = column, tick or layout.tick
+        elif bare in _PEOPLE:
+            layout.whose = column if layout.whose is None else layout.whose
+        elif bare in _FRAMES:
+            layout.frame = column if layout.frame is None else layout.frame
+        elif match := _CONFIDENCE.fullmatch(word.lower()):
+            confidences.append((match["name"], match["head"], column))
+        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
+            found = axes.setdefault(name, {})
+            if match["axis"].lower() in found:
+                twice.setdefault(name, word)
+            found[match["axis"].lower()] = column
+            layout.unit = _METRES.get((match["unit"] or "").lower(), layout.unit)
+        else:
+            others.append(column)
+    layout.points = {
+        name: (found["x"], found["y"], found["z"])
+        for name, found in axes.items()
+        if len(found) == 3
     }
-    if not points:
+    if not layout.points:
         lines.fail(
             f"got the columns {some([short(word) for word in row if word], 6)}, allowed three"
             " columns for each joint, such as neck.x, neck.y, neck.z"
         )
-    if again := [word for name, word in found.twice.items() if name in points]:
+    if again := [word for name, word in twice.items() if name in layout.points]:
         lines.fail(f"got the column {short(again[0])} twice, allowed each once")
     alike: dict[str, list[int]] = {}
-    for i, name in enumerate(points):
+    for i, name in enumerate(layout.points):
         alike.setdefault(name.lower(), []).append(i)
-    confidence = [
+    layout.confidence = [
         ConfidenceColumn(column, i, head)
-        for stem, head, column in found.confidence
-        for i in alike.get(stem, ())
+        for name, head, column in confidences
+        for i in alike.get(name, ())
     ]
-    time, fine = _with_nanoseconds(row, found.time)
-    return ColumnLayout(
-        points,
-        max(width, len(row)),
-        row,
-        confidence,
-        time,
-        fine,
-        found.tick if fine is None else 1.0,
-        found.frame,
-        found.whose,
-        found.unit,
-        _unread(row, points, found.others),
-    )
+    layout.time, layout.fine = _with_nanoseconds(row, layout.time)
+    if layout.fine is not None:
+        layout.tick = 1.0
+    layout.unread = _unread(row, alike, others)
+    return layout
 
 
 def layout_without_header(lines: TextLines, first: list[str], asked: TableOptions) -> ColumnLayout:
@@ -459,45 +431,39 @@ def layout_without_header(lines: TextLines, first: list[str], asked: TableOption
 
 
 def _without_units(
-    head: list[list[str]],
+    header: list[list[str]],
 ) -> tuple[list[list[str]], float | None, float | None]:
     """Return the rows without a last row of units, and its units of length [m] and time [s]."""
-    units = [word.strip("[]()").lower() for word in head[-1] if word]
+    units = [word.strip("[]()").lower() for word in header[-1] if word]
     lengths = [_METRES[word] for word in units if word in _METRES]
     ticks = [tick_of(word) for word in units if word not in _METRES]
-    if len(head) > 1 and lengths and None not in ticks:
-        return head[:-1], lengths[-1], ticks[0] if ticks else None
-    return head, None, None
+    if len(header) > 1 and lengths and None not in ticks:
+        return header[:-1], lengths[-1], ticks[0] if ticks else None
+    return header, None, None
 
 
-def _named(head: list[list[str]]) -> list[str]:
+def _named(header: list[list[str]]) -> list[str]:
     """Return the names of the columns; the joints' names may be in a row above the axes."""
-    row = head[-1]
+    row = header[-1]
     axes = [_AXIS.fullmatch(word) for word in row]
-    if len(head) < 2 or sum(map(bool, axes)) < 3:
+    if len(header) < 2 or sum(map(bool, axes)) < 3:
         return row
-    above = [*head[-2], *[""] * len(row)][: len(row)]
-    return [
-        f"{name}.{axis['axis'] if axis else word}"
-        if axis or _CONFIDENCE.fullmatch(word.lower())
-        else f"{over} ({word})"
-        if tick_of(word) and time_head(over)[0]
-        else word or over
-        for name, over, word, axis in zip(_spread(above), above, row, axes, strict=True)
-    ]
+    above = [*header[-2], *[""] * len(row)][: len(row)]
+    names, name = [], ""
+    for over, word, axis in zip(above, row, axes, strict=True):
+        # A blank above the coordinates repeats the last name.
+        name = over.removeprefix("Name:") if over else name
+        if axis or _CONFIDENCE.fullmatch(word.lower()):
+            names.append(f"{name}.{axis['axis'] if axis else word}")
+        elif tick_of(word) and time_head(over)[0]:
+            names.append(f"{over} ({word})")
+        else:
+            names.append(word or over)
+    return names
 
 
 def _is_place(name: str) -> bool:
     return bool(name) and not _NO_PLACE.fullmatch(name)
-
-
-def _spread(names: list[str]) -> list[str]:
-    """Return the names above the coordinates, one per column; a blank repeats the last name."""
-    found, last = [], ""
-    for name in names:
-        last = name or last
-        found.append(last.removeprefix("Name:"))
-    return found
 
 
 def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int | None]:
@@ -512,9 +478,8 @@ def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int
     return time, None
 
 
-def _unread(row: list[str], points: Iterable[str], others: list[int]) -> list[int]:
-    """Return the columns that belong to a point by their heads, but have no known meaning."""
-    known = {name.lower() for name in points}
+def _unread(row: list[str], known: Collection[str], others: list[int]) -> list[int]:
+    """Return the columns that belong to a known point by their heads, but have no known meaning."""
     found = []
     for column in others:
         word = row[column].lower()

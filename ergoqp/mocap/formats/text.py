@@ -81,6 +81,13 @@ _LOOKED_AT: Final = 64
 """Bytes from which UTF-16 without a byte-order mark is recognised."""
 
 
+@contextmanager
+def text_lines(path: Path, progress: Progress) -> Iterator[TextLines]:
+    """Open a text file; raise a RecordingError if that fails."""
+    with binary(path) as file:
+        yield TextLines(path, file, path.stat().st_size, progress)
+
+
 @dataclass
 class TextLines:
     """The lines of a text file, with their numbers.
@@ -310,6 +317,45 @@ def blocks(
             at, column = large[0]
             lines.fail(_too_large(float(values[at, column])), rows[at][0])
         yield values
+
+
+def read_rows(
+    lines: TextLines,
+    separator: str | None,
+    width: int,
+    split: Callable[[np.ndarray], Sequence[np.ndarray]],
+    blanks: bool = False,
+    chosen: ColumnSelection | None = None,
+) -> list[np.ndarray]:
+    """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
+
+    Args:
+        lines: as in `blocks`, and so are the others.
+        separator: separator of the numbers.
+        width: numbers in a row.
+        split: function that returns the next rows of each array.
+        blanks: whether a row of separators only is a frame.
+        chosen: the columns that are read.
+
+    Raises:
+        RecordingError: if there is no row, or a row is wrong.
+    """
+    arrays: list[GrowableArray] = []
+    for block in blocks(lines, separator, width, blanks, chosen):
+        parts = split(block)
+        arrays = arrays or [GrowableArray() for _ in parts]
+        for array, part in zip(arrays, parts, strict=True):
+            array.add(part, lines.share)
+    if not arrays:
+        raise RecordingError(
+            f"{lines.path.name}: got no row of numbers, allowed a row for each frame"
+        )
+    return [array.view for array in arrays]
+
+
+def points_of(values: np.ndarray) -> np.ndarray:
+    """Return numbers (n, 3 m) as positions (n, m, 3) in 32 bits."""
+    return values.astype(np.float32).reshape(len(values), -1, 3)
 
 
 def separator_of(*rows: str) -> str | None:
