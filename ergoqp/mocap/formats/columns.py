@@ -142,7 +142,7 @@ class ConfidenceFilter:
         """Set positions (n, m, 3) of a low confidence to NaN, in place; return their counts."""
         if not self._values:
             return []
-        values = self._values.view
+        values = self._values.view[: len(positions)]
         lost = dict.fromkeys(self._most, 0)
         for i, each in enumerate(self._columns):
             least = self._threshold(each.head)

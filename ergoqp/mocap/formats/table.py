@@ -30,22 +30,21 @@ from ergoqp.mocap.formats.columns import (
 from ergoqp.mocap.formats.text import (
     EMPTY,
     ColumnSelection,
-    GrowableArray,
     TableOptions,
     TextLines,
-    binary,
-    blocks,
     cells,
     count_repeated_frames,
     is_nothing,
     is_number,
+    points_of,
+    read_rows,
     separator_of,
     short,
     some,
-    to_seconds,
+    text_lines,
     uniform_times,
 )
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, with_times
 
 _HEADER_LINES: Final = 20
 """Largest number of lines above the numbers that are not empty; Qualisys writes twelve."""
@@ -69,14 +68,13 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     Raises:
         RecordingError: if it is not such a table, with the line.
     """
-    with binary(path) as file:
-        lines = TextLines(path, file, path.stat().st_size, progress)
-        head, first, line = _read_header(lines)
-        separator = separator_of(first, *reversed(head))
+    with text_lines(path, progress) as lines:
+        header, first, line = _read_header(lines)
+        separator = separator_of(first, *reversed(header))
         words = cells(first, separator)
         layout = (
-            layout_from_header(lines, [cells(row, separator) for row in head], len(words))
-            if head
+            layout_from_header(lines, [cells(row, separator) for row in header], len(words))
+            if header
             else layout_without_header(lines, words, asked)
         )
         if layout.time is None and asked.rate is None:
@@ -86,12 +84,18 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
             )
         table = _Table(path.name, layout, asked.rate)
         chosen = table.chosen(lines, words, line)
-        for values in blocks(lines, separator, layout.width, layout.time is None, chosen):
-            table.add(values, lines.share)
-    notes = [*table.unread(words)]
-    if head and asked.columns:
+        arrays = read_rows(
+            lines,
+            separator,
+            layout.width,
+            lambda rows: table.split(rows, lines.share),
+            layout.time is None,
+            chosen,
+        )
+    notes = table.unread(words)
+    if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
-    return table.motion(notes)
+    return table.motion(*arrays, notes)
 
 
 class _Table:
@@ -103,7 +107,6 @@ class _Table:
         self._rate = rate
         self._people = People()
         self._confidence = ConfidenceFilter(layout.confidence)
-        self._places, self._keys, self._whose = GrowableArray(), GrowableArray(), GrowableArray()
         self._points = [c for columns in layout.points.values() for c in columns]
         several = layout.whose is not None
         # Frame numbers identify the frames of several people, however coarse the times are.
@@ -168,28 +171,37 @@ class _Table:
             return [f"The column {layout.name_of(columns[0])} is not read."]
         return [f"The columns {some([layout.name_of(each) for each in columns], 6)} are not read."]
 
-    def add(self, values: np.ndarray, share: float) -> None:
-        """Add rows of the chosen columns."""
-        points, confidence = len(self._points), len(self._layout.confidence)
-        block = values[:, :points].astype(np.float32).reshape(len(values), -1, 3)
-        self._places.add(block, share)
-        if confidence:
-            self._confidence.add(values[:, points : points + confidence], share)
-        if self._key is not None:
-            keys = values[:, points + confidence]
-            if self._fine is not None:
-                keys = keys + 1e-9 * values[:, points + confidence + 1]
-            self._keys.add(keys, share)
-        if self._layout.whose is not None:
-            self._whose.add(values[:, -1], share)
+    def split(self, rows: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return positions (n, m, 3), keys (n,) and people (n,) of rows of the chosen columns.
 
-    def motion(self, notes: list[str]) -> JointMotion:
-        """Return the motion that was read, with further sentences."""
-        layout, names, positions = self._layout, tuple(self._layout.points), self._places.view
-        keys = self._keys.view if self._key is not None else None
+        Args:
+            rows: the rows.
+            share: share of the file that is read up to them.
+        """
+        first = len(self._points) + len(self._layout.confidence)
+        if self._layout.confidence:
+            self._confidence.add(rows[:, len(self._points) : first], share)
+        keys = rows[:, first] if self._key is not None else np.zeros(len(rows))
+        if self._fine is not None:
+            keys = keys + 1e-9 * rows[:, first + 1]
+        return points_of(rows[:, : len(self._points)]), keys, rows[:, -1]
+
+    def motion(
+        self, positions: np.ndarray, stamps: np.ndarray, whose: np.ndarray, notes: list[str]
+    ) -> JointMotion:
+        """Return the motion that was read, with further sentences.
+
+        Args:
+            positions: positions of the points (n, m, 3).
+            stamps: times or numbers of the frames (n,), if there are any.
+            whose: numbers of the people (n,), if there are any.
+            notes: further sentences.
+        """
+        layout, names = self._layout, tuple(self._layout.points)
         if layout.time is None:
             last = _seen(positions)
-            positions, keys = positions[:last], keys if keys is None else keys[:last]
+            positions, stamps = positions[:last], stamps[:last]
+        keys = stamps if self._key is not None else None
         notes += self._confidence.mask_low_confidence(positions)
         numbered = False
         if layout.whose is not None and self._people.are_several(keys):
@@ -203,7 +215,7 @@ class _Table:
                 self._where,
                 names,
                 positions,
-                self._whose.view[: len(positions)],
+                whose[: len(positions)],
                 self._people,
                 keys,
                 _RATE if layout.frame is not None else "",
@@ -215,27 +227,20 @@ class _Table:
                 f"The column {layout.name_of(layout.whose)} has another value in each row and is"
                 " not used."
             )
-        if self._rate is not None:
-            time, said = uniform_times(self._where, len(positions), self._rate)
-            if keys is not None and numbered:
-                time = (keys - keys[0]) / self._rate
-            if layout.time is not None:
-                said.append(
-                    f"The times of the column {layout.name_of(layout.time)} are not used: the"
-                    " frames per second are stated (rate)."
-                )
-        else:
+        if self._rate is None:
             assert keys is not None
-            time, kept, said = to_seconds(self._where, keys, layout.tick, [positions], _RATE)
-            positions = positions if kept.all() else positions[kept]
-        return JointMotion(
-            names,
-            positions,
-            time,
-            None,
-            (*said, *notes, *count_repeated_frames(positions)),
-            unit=layout.unit,
-        )
+            motion = JointMotion(names, positions, keys, notes=tuple(notes), unit=layout.unit)
+            return with_times(self._where, motion, layout.tick, remedy=_RATE)
+        time, said = uniform_times(self._where, len(positions), self._rate)
+        if keys is not None and numbered:
+            time = (keys - keys[0]) / self._rate
+        if layout.time is not None:
+            said.append(
+                f"The times of the column {layout.name_of(layout.time)} are not used: the frames"
+                " per second are stated (rate)."
+            )
+        notes = [*said, *notes, *count_repeated_frames(positions)]
+        return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit)
 
 
 def _seen(positions: np.ndarray) -> int:
@@ -252,10 +257,10 @@ def _read_header(lines: TextLines) -> tuple[list[str], str, int]:
     The first row of numbers remains to be read, and so do empty rows above it, which may be frames.
     The numbers begin with the first of a run of rows that are mostly numbers.
     """
-    head: list[str] = []
+    header: list[str] = []
     rows: list[str] = []
     numbers, empty = 0, 0
-    while len(head) + numbers < _HEADER_LINES and empty < _BLANK:
+    while len(header) + numbers < _HEADER_LINES and empty < _BLANK:
         taken = lines.take(1)
         if not taken and numbers:
             break
@@ -278,10 +283,10 @@ def _read_header(lines: TextLines) -> tuple[list[str], str, int]:
         if known >= 3 and 2 * known >= len(seen):
             numbers += 1
             continue
-        head += [each for each in rows if each.strip(EMPTY)]
+        header += [each for each in rows if each.strip(EMPTY)]
         rows, numbers = [], 0
     if not numbers:
         lines.fail(f"got {lines.line} lines without a row of numbers, allowed a table of positions")
     lines.put_back(*rows)
     at, first = next((i, row) for i, row in enumerate(rows, 1) if row.strip(EMPTY))
-    return head, first, lines.line + at
+    return header, first, lines.line + at
