@@ -350,8 +350,8 @@ def straight_of(
             reading.unit,
             reading.shapes,
         )
-        check_same_person(where, world, trial.centres.paths, trial.unit)
-        there = {centre: path @ axes.T for centre, path in trial.centres.paths.items()}
+        check_same_person(where, world, trial.paths, trial.unit)
+        there = {centre: path @ axes.T for centre, path in trial.paths.items()}
         check_stands(where, there)
         every = np.ones(len(stated.time), dtype=bool)
         return stated_neutral(there, every, "in the recording that is stated to be neutral")
