@@ -40,6 +40,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import GROWTH, Marker, base_jacobian
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.fitting.axes import first_middle
 from ergoqp.mocap.markers.rigid import brought_to, shape_of
 from ergoqp.mocap.naming import LANDMARK_SEGMENTS, RIGID, growth_of
 from ergoqp.mocap.recording import JointMotion
@@ -157,19 +158,14 @@ def _turned(at: Mapping[str, np.ndarray]) -> Iterator[str]:
         ("acromion", "head_front", "head_back"),
         ("asis", "asis", "psis"),
     ):
-        before, after = _middle(at, front), _middle(at, behind)
+        before, after = (
+            first_middle(at, (name,), (f"right_{name}", f"left_{name}")) for name in (front, behind)
+        )
         if before is None or after is None:
             continue
         ahead = np.cross(across[which], up)
         if _nearly_always(((after - before) * ahead).sum(axis=1)):
             yield f"{_spoken(front)} is behind {_spoken(behind)}"
-
-
-def _middle(at: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
-    if name in at:
-        return at[name]
-    sides = [at[f"{side}_{name}"] for side in SIDES if f"{side}_{name}" in at]
-    return (sides[0] + sides[1]) / 2 if len(sides) == 2 else None
 
 
 def _nearly_always(values: np.ndarray) -> bool:
