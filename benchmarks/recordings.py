@@ -92,7 +92,7 @@ POLE = np.radians(3.0)
 
 def places_of(path: Path) -> Places:
     """Return a file's own joint centres [m], z up."""
-    paths = joints_of(read_motion(path), path.name, None, None, None, {}).centres.paths
+    paths = joints_of(read_motion(path), path.name, None, None, None, {}).paths
     stature, up = suggested_stature(measured_lengths(paths)), find_up(paths)
     assert stature is not None
     assert up is not None

@@ -18,6 +18,8 @@ from ergoqp.mocap.fitting.axes import (
     axes_of,
     find_unit,
     find_up,
+    first_middle,
+    leg_of,
     neutral_of,
     stands_straight,
     stated_neutral,
@@ -70,8 +72,8 @@ def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
         ]
         if sides := [side for side in sides if side > 0]:
             lengths[segment] = float(np.mean(sides))
-    hips, shoulders = (_between(centres, joint) for joint in ("hip", "shoulder"))
-    hips = centres.get("pelvis") if hips is None else hips
+    hips = first_middle(centres, ("right_hip", "left_hip"), ("pelvis",))
+    shoulders = first_middle(centres, ("right_shoulder", "left_shoulder"))
     if hips is not None and "neck" in centres:
         trunk = centres["neck"] - hips
         lengths["trunk"] = _median_distance(hips, centres["neck"])
@@ -135,11 +137,6 @@ def measured_person(lengths: Mapping[str, float], stature: float) -> tuple[Body,
         if low <= length <= high:
             believed[segment] = length
     return Body(stature, believed), sorted(set(lengths) - set(believed))
-
-
-def _between(centres: Mapping[str, np.ndarray], joint: str) -> np.ndarray | None:
-    right, left = centres.get(f"right_{joint}"), centres.get(f"left_{joint}")
-    return None if right is None or left is None else (right + left) / 2
 
 
 def _median_distance(a: np.ndarray, b: np.ndarray) -> float:
@@ -250,15 +247,10 @@ def check_stands(where: str, places: Mapping[str, np.ndarray]) -> None:
         RecordingError: if they are not: the person leans as a whole there, or the camera's tilt is
             another.
     """
-    stands = stands_straight(places)
-    legs = [
-        places[f"{side}_hip"] - places[f"{side}_ankle"]
-        for side in SIDES
-        if f"{side}_hip" in places and f"{side}_ankle" in places
-    ]
-    if not legs or not stands.any():
+    stands, legs = stands_straight(places), leg_of(places)
+    if legs is None or not stands.any():
         return
-    leg = np.nanmedian(np.mean(legs, axis=0)[stands], axis=0)
+    leg = np.nanmedian(legs[stands], axis=0)
     angle = math.acos(float(np.clip(leg[2] / np.linalg.norm(leg), -1, 1)))
     if angle > _STANDS:
         raise RecordingError(
@@ -350,8 +342,8 @@ def straight_of(
             reading.unit,
             reading.shapes,
         )
-        check_same_person(where, world, trial.centres.paths, trial.unit)
-        there = {centre: path @ axes.T for centre, path in trial.centres.paths.items()}
+        check_same_person(where, world, trial.paths, trial.unit)
+        there = {centre: path @ axes.T for centre, path in trial.paths.items()}
         check_stands(where, there)
         every = np.ones(len(stated.time), dtype=bool)
         return stated_neutral(there, every, "in the recording that is stated to be neutral")

@@ -16,7 +16,6 @@ from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.naming import (
     LANDMARKS,
     RIGID,
-    NamedCentres,
     Naming,
     best_set,
     check_all_there,
@@ -181,7 +180,9 @@ class Found:
 
     Attributes:
         motion: what is left of the person's motion, with the other content of the file.
-        centres: the centres under our names.
+        paths: our centre -> positions (n, 3).
+        rest: our centre -> position (3,) in an upright rest pose; empty if there is none or it is
+            not known to be upright.
         unit: unit of the centres [m]; None if it is unknown.
         said: sentences about how they were found.
         markers: used marker -> positions (n, 3) in a sample of frames [m].
@@ -193,7 +194,8 @@ class Found:
     """
 
     motion: JointMotion
-    centres: NamedCentres
+    paths: Mapping[str, np.ndarray]
+    rest: Mapping[str, np.ndarray]
     unit: float | None
     said: tuple[str, ...]
     markers: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -243,17 +245,18 @@ def joints_of(
         more, turned = oriented(motion, used, found)
         shoulders, guessed = shoulders_of(motion, found)
         more, turned = more | shoulders, (*turned, *guessed)
-        named = named_centres(motion, used, found, more)
+        paths, rest = named_centres(motion, used, found, more)
         said = (*motion.notes, *turned)
         if not ready:
-            said = (f"The joints are named as in the {named.title} skeleton.", *said)
+            said = (f"The joints are named as in the {used.title} skeleton.", *said)
         if unit is None and motion.unit is not None:
             said += (f"The unit of length is {motion.unit:g} m, as the file says.",)
         own = {motion.names[i] for which in found.values() for i in which}
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
             _emptied(motion, things),
-            named,
+            paths,
+            rest,
             unit or motion.unit,
             said,
             upright=ready,
@@ -294,7 +297,8 @@ def _of_markers(
     things = {name: _scaled(poses, size) for name, poses in motion.objects.items()}
     return Found(
         _emptied(motion, things),
-        NamedCentres(title, paths, {}),
+        paths,
+        {},
         1.0,
         (*said, *motion.notes, *how),
         markers,

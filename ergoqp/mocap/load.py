@@ -79,10 +79,10 @@ def recording_of(
         reading.body,
         part_of(progress, 0.0, _FOUND),
     )
-    named, motion = found.centres, found.motion
+    motion = found.motion
     found_out = found.said
     assumptions = list(found_out)
-    centres = _seen_at_all(named.paths, where, assumptions)
+    centres = _seen_at_all(found.paths, where, assumptions)
     lengths = measured_lengths(centres)
     stature = suggested_stature(lengths)
     unit = found.unit or unit_by_stature(where, stature, assumptions)
@@ -99,10 +99,10 @@ def recording_of(
     if body is None:
         body, measured = measured_body(where, lengths, stature, unit, assumptions)
     # An hour is large: what is not needed any more is freed, and single precision is kept.
-    time, rest = motion.time, {name: axes @ place for name, place in named.rest.items()}
+    time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
     upright, whole = found.upright, found.whole
-    del motion, named, found
+    del motion, found
     world = {}
     for name in list(paths):
         path = paths.pop(name)

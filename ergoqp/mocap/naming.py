@@ -15,7 +15,7 @@ import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -90,27 +90,11 @@ def parted(name: str) -> tuple[str, str]:
     return name[: max(at, 0)].lstrip("/"), name[at + 1 :]
 
 
-_SIDES: Final = {
-    "right": ("right", "rt", "r", "re", "rechts", "rechte", "droite", "droit"),
-    "left": ("left", "lt", "l", "li", "links", "linke", "gauche"),
-}
-_WORDS: Final[dict[str, tuple[str, ...]]] = {
-    "pelvis": ("pelvis", "hips", "root", "belt", "waist", "midhip", "becken", "bassin"),
-    "neck": ("neck", "c7", "spineshoulder", "hals", "cou"),
-    "head": ("head", "skull", "kopf", "tete"),
-    "head_top": ("headtop", "headend", "vertex"),
-    "nose": ("nose", "nase", "nez"),
-    "shoulder": ("shoulder", "uarm", "upperarm", "humerus", "glenohumeral", "schulter", "epaule"),
-    "elbow": ("elbow", "farm", "forearm", "lowerarm", "radius", "ellbogen", "coude"),
-    "wrist": ("wrist", "hand", "handgelenk", "poignet"),
-    "knuckles": ("knuckles", "index", "middle", "fingers", "finger"),
-    "thumb": ("thumb", "daumen", "pouce"),
-    "hip": ("hip", "thigh", "upleg", "upperleg", "femur", "huefte", "hanche"),
-    "knee": ("knee", "shank", "calf", "shin", "lowerleg", "leg", "tibia", "knie", "genou"),
-    "ankle": ("ankle", "foot", "knoechel", "cheville"),
-    "toe": ("toe", "toes", "toebase", "ball", "zehe"),
-}
-_MIDDLE: Final = ("pelvis", "neck", "head", "head_top", "nose")
+@cache
+def _data(name: str) -> dict[str, Any]:
+    """Return the content of a TOML file of this folder."""
+    file = resources.files("ergoqp.mocap").joinpath(name)
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def guessed(names: tuple[str, ...]) -> dict[str, str]:
@@ -119,18 +103,18 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
     >>> guessed(("Skel_L_Elbow", "Skel_R_UpperArm", "box"))
     {'right_shoulder': 'Skel_R_UpperArm', 'left_elbow': 'Skel_L_Elbow'}
     """
+    known = _data("name_words.toml")
     best: dict[str, tuple[int, int, str]] = {}
     for name in names:
         words = _words(name)
-        side = next((s for s, theirs in _SIDES.items() if set(words) & set(theirs)), None)
+        side = next((s for s, theirs in known["sides"].items() if set(words) & set(theirs)), None)
         joined = {"".join(pair) for pair in pairwise(words)} | set(words)
         if side is not None:
             # As in "LeftHandThumb1". On the middle line a number belongs to the name, as in "c7".
             joined |= {bare for word in joined if len(bare := word.rstrip("0123456789")) > 2}
         said = [
             (-len(word), rank, part)
-            for part, theirs in _WORDS.items()
-            if (part in _MIDDLE) == (side is None)
+            for part, theirs in known["middle" if side is None else "sided"].items()
             for rank, word in enumerate(theirs)
             if word in joined
         ]
@@ -141,7 +125,7 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
         centre = part if side is None else f"{side}_{part}"
         # Of several names the one with the most usual and the fewest words is taken.
         best[centre] = min(best.get(centre, (rank, len(words), name)), (rank, len(words), name))
-    order = [*_MIDDLE, *(f"{s}_{p}" for s in _SIDES for p in _WORDS if p not in _MIDDLE)]
+    order = [*known["middle"], *(f"{s}_{p}" for s in known["sides"] for p in known["sided"])]
     return {centre: best[centre][2] for centre in order if centre in best}
 
 
@@ -177,13 +161,18 @@ def _words(name: str) -> list[str]:
         if not unicodedata.combining(letter)
     )
     parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*", plain)
-    found = [part.casefold() for part in parts]
-    # "LElbow" and "lElbow": the side is the first letter.
-    return [
+    known = {
         word
-        for part in found
-        for word in ([part[0], part[1:]] if part[0] in "lr" and part[1:] in _KNOWN else [part])
-    ]
+        for which in ("middle", "sided")
+        for theirs in _data("name_words.toml")[which].values()
+        for word in theirs
+    }
+    words = []
+    for part in (part.casefold() for part in parts):
+        # "LElbow" and "lElbow": the side is the first letter.
+        sided = part[0] in "lr" and part[1:] in known
+        words += [part[0], part[1:]] if sided else [part]
+    return words
 
 
 def _quoted(name: str) -> str:
@@ -197,46 +186,29 @@ def _escaped(letter: str) -> str:
     return f"\\u{code:04x}" if code < 1 << 16 else f"\\U{code:08x}"
 
 
-_KNOWN: Final = frozenset(word for words in _WORDS.values() for word in words)
 _UMLAUTS: Final = str.maketrans(
     {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"}
 )
 
 
-MIDDLE: Final = ("c7", "back", "notch", "xiphoid", "sacrum")
-"""Landmarks in the middle: vertebra C7, the spine at about T10, the notch above the breastbone, its
-lower end, the sacrum between the two PSIS."""
+_UNPAIRED: Final = ("pelvis", "trunk", "head")
+"""Segments in the middle of the body."""
 
 
-SIDED: Final = (
-    "head_front",
-    "head_back",
-    "acromion",
-    "upper_arm",
-    "outer_elbow",
-    "inner_elbow",
-    "forearm",
-    "wrist_thumb",
-    "wrist_small",
-    "hand",
-    "asis",
-    "psis",
-    "thigh",
-    "outer_knee",
-    "inner_knee",
-    "shank",
-    "outer_ankle",
-    "inner_ankle",
-    "heel",
-    "forefoot",
-)
-"""Landmarks on each side: ``wrist_thumb`` and ``wrist_small`` on the sides of thumb and small
-finger, ``hand`` on the back of the knuckles, ``forefoot`` on the foot above the second toe's ball,
-``upper_arm``, ``forearm``, ``thigh`` and ``shank`` on the outside between the joints."""
+LANDMARK_SEGMENTS: Final[dict[str, list[str]]] = {
+    **_data("landmarks.toml")["middle"],
+    **{
+        f"{side}_{name}": [part if part in _UNPAIRED else f"{side}_{part}" for part in parts]
+        for side in SIDES
+        for name, parts in _data("landmarks.toml")["sided"].items()
+    },
+}
+"""Landmark -> the segments that a marker there may be fixed to."""
 
 
-LANDMARKS: Final = (*MIDDLE, *(f"{side}_{name}" for side in SIDES for name in SIDED))
-"""Names of the places of markers on the skin; those on both sides begin with the side.
+LANDMARKS: Final = tuple(LANDMARK_SEGMENTS)
+"""Names of the places of markers on the skin, of ``landmarks.toml``; those on both sides begin with
+the side.
 
 Example:
     >>> from ergoqp.mocap.naming import LANDMARKS
@@ -245,11 +217,7 @@ Example:
 """
 
 
-RIGID: Final = {
-    "pelvis": ("right_asis", "left_asis", "right_psis", "left_psis", "sacrum"),
-    "trunk": ("c7", "back", "notch", "xiphoid"),
-    "head": tuple(f"{side}_head_{end}" for side in SIDES for end in ("front", "back")),
-}
+RIGID: Final[dict[str, list[str]]] = _data("landmarks.toml")["rigid"]
 """Segments that are tracked as rigid shapes -> their landmarks."""
 
 
@@ -276,21 +244,23 @@ class MarkerSet:
 
     def found_in(self, names: tuple[str, ...]) -> dict[str, str]:
         """Return landmark -> its marker, for the markers among `names`."""
-        there = {squashed(name): name for name in reversed(names)}
-        found = {}
-        for landmark, theirs in self.landmarks.items():
-            marker = next((there[squashed(t)] for t in theirs if squashed(t) in there), None)
-            if marker is not None:
-                found[landmark] = marker
-        return found
+        found = _known_among(names, self.landmarks)
+        return {landmark: theirs[0] for landmark, theirs in found.items() if theirs}
 
     def more_in(self, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
         """Return rigid segment -> its further markers among `names`."""
-        there = {squashed(name): name for name in reversed(names)}
-        return {
-            segment: tuple(there[squashed(t)] for t in theirs if squashed(t) in there)
-            for segment, theirs in self.more.items()
-        }
+        return _known_among(names, self.more)
+
+
+def _known_among(
+    names: tuple[str, ...], known: Mapping[str, tuple[str, ...]]
+) -> dict[str, tuple[str, ...]]:
+    """Return which of the known names of each thing are among others, as they are written there."""
+    there = {squashed(name): name for name in reversed(names)}
+    return {
+        thing: tuple(there[squashed(name)] for name in theirs if squashed(name) in there)
+        for thing, theirs in known.items()
+    }
 
 
 def above_hips(landmark: str) -> bool:
@@ -298,12 +268,10 @@ def above_hips(landmark: str) -> bool:
     return not landmark.endswith((*_BELOW, "pelvis", "hip", "toe"))
 
 
-@lru_cache(maxsize=1)
+@cache
 def known_sets() -> tuple[MarkerSet, ...]:
     """Return the sets of ``marker_sets.toml``, in its order."""
-    file = resources.files("ergoqp.mocap").joinpath("marker_sets.toml")
-    entries = tomllib.loads(file.read_text(encoding="utf-8"))
-    return tuple(_set(entry) for entry in entries.values())
+    return tuple(_set(entry) for entry in _data("marker_sets.toml").values())
 
 
 def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
@@ -314,17 +282,12 @@ def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
 
 
 def _set(entry: Mapping[str, Any]) -> MarkerSet:
-    landmarks = {name: _texts(theirs) for name, theirs in entry.get("middle", {}).items()}
+    landmarks = _listed(entry.get("middle", {}))
     for side in SIDES:
         letters = {"S": side[0].upper(), "s": side[0], "side": side}
-        for name, theirs in {**entry.get("sided", {}), **entry.get(side, {})}.items():
-            landmarks[f"{side}_{name}"] = tuple(t.format(**letters) for t in _texts(theirs))
-    more = {segment: tuple(theirs) for segment, theirs in entry.get("more", {}).items()}
-    return MarkerSet(entry["title"], landmarks, more)
-
-
-def _texts(theirs: str | list[str]) -> tuple[str, ...]:
-    return (theirs,) if isinstance(theirs, str) else tuple(theirs)
+        for name, theirs in _listed({**entry.get("sided", {}), **entry.get(side, {})}).items():
+            landmarks[f"{side}_{name}"] = tuple(each.format(**letters) for each in theirs)
+    return MarkerSet(entry["title"], landmarks, _listed(entry.get("more", {})))
 
 
 _EXAMPLE: Final = 'right_elbow = "theirs"'
@@ -368,26 +331,9 @@ class Naming:
         return {centre: which for centre, which in found.items() if min(which) >= 0}
 
 
-@dataclass(frozen=True)
-class NamedCentres:
-    """The body's joint centres in a recording.
-
-    Attributes:
-        title: title of the naming that was found.
-        paths: centre -> positions (n, 3) in the file's unit and axes.
-        rest: centre -> position (3,) in an upright rest pose; empty if there is none or it is not
-            known to be upright.
-    """
-
-    title: str
-    paths: Mapping[str, np.ndarray]
-    rest: Mapping[str, np.ndarray]
-
-
-@lru_cache(maxsize=1)
+@cache
 def known_namings() -> tuple[Naming, ...]:
     """Return the namings of ``namings.toml``, in its order."""
-    text = resources.files("ergoqp.mocap").joinpath("namings.toml").read_text(encoding="utf-8")
     return tuple(
         Naming(
             entry["title"],
@@ -395,7 +341,7 @@ def known_namings() -> tuple[Naming, ...]:
             entry.get("upright_rest", False),
             {name: (part, tuple(place)) for name, (part, place) in entry.get("turned", {}).items()},
         )
-        for entry in tomllib.loads(text).values()
+        for entry in _data("namings.toml").values()
     )
 
 
@@ -459,8 +405,10 @@ def named_centres(
     naming: Naming,
     found: Mapping[str, tuple[int, ...]],
     more: Mapping[str, np.ndarray],
-) -> NamedCentres:
-    """Return the body's joint centres under our names.
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return our centre -> positions (n, 3), and -> position (3,) in an upright rest pose.
+
+    The latter are empty if there is no such pose, or it is not known to be upright.
 
     Args:
         motion: the recording's own joints.
@@ -475,12 +423,8 @@ def named_centres(
     kind = motion.positions.dtype
     paths |= {centre: path.astype(kind) for centre, path in more.items()}
     if motion.rest is None or not naming.upright_rest:
-        return NamedCentres(naming.title, paths, {})
-    return NamedCentres(
-        naming.title,
-        paths,
-        {centre: motion.rest[list(which)].mean(axis=0) for centre, which in found.items()},
-    )
+        return paths, {}
+    return paths, {centre: motion.rest[list(which)].mean(axis=0) for centre, which in found.items()}
 
 
 def _unknown(names: tuple[str, ...], where: str) -> UnknownNamesError:

@@ -213,24 +213,19 @@ def normalised(motion: JointMotion) -> JointMotion:
 
     Masked elements become NaN, and so does a point with a missing coordinate.
     """
-    time, positions = _floats(motion.time).astype(float), _floats(motion.positions)
-    seen = np.isfinite(positions)
-    partly = np.asarray(seen.any(axis=2) & ~seen.all(axis=2))
-    if partly.any():
-        positions = np.where(partly[:, :, None], positions.dtype.type(np.nan), positions)
-    return JointMotion(
-        tuple(motion.names),
-        positions,
-        time - time[0],
-        None if motion.rest is None else _floats(motion.rest),
-        tuple(motion.notes),
-        {name: _floats(each) for name, each in motion.turns.items()},
-        {name: _floats(each) for name, each in motion.objects.items()},
-        {name: _floats(each) for name, each in motion.angles.items()},
-        motion.markers,
-        motion.unit,
-        motion.up,
-        dict(motion.measures),
+    time, motion = _floats(motion.time).astype(float), motion.mapped(_floats)
+    seen = np.isfinite(motion.positions)
+    lost = np.asarray(~seen.all(axis=2))
+    if (lost & seen.any(axis=2)).any():
+        nan = motion.positions.dtype.type(np.nan)
+        motion = replace(motion, positions=np.where(lost[:, :, None], nan, motion.positions))
+    return replace(
+        motion,
+        names=tuple(motion.names),
+        time=time - time[0],
+        rest=None if motion.rest is None else _floats(motion.rest),
+        notes=tuple(motion.notes),
+        measures=dict(motion.measures),
     )
 
 

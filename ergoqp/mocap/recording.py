@@ -6,13 +6,14 @@ are in the recording's own unit and axes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
+from ergoqp.mocap.formats.text import count_repeated_frames, to_seconds
 
 
 @dataclass(frozen=True)
@@ -70,13 +71,16 @@ class JointMotion:
 
     def at(self, frames: np.ndarray) -> JointMotion:
         """Return the motion in some of the frames, given as (n,) bool."""
+        return replace(self.mapped(lambda values: values[frames]), time=self.time[frames])
+
+    def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> JointMotion:
+        """Return the motion with each array over its frames changed, except for the times."""
         return replace(
             self,
-            positions=self.positions[frames],
-            time=self.time[frames],
-            turns={name: each[frames] for name, each in self.turns.items()},
-            objects={name: each[frames] for name, each in self.objects.items()},
-            angles={name: each[frames] for name, each in self.angles.items()},
+            positions=change(self.positions),
+            turns={name: change(each) for name, each in self.turns.items()},
+            objects={name: change(each) for name, each in self.objects.items()},
+            angles={name: change(each) for name, each in self.angles.items()},
         )
 
     def joints(self, keep: Mapping[str, str]) -> JointMotion:
@@ -89,6 +93,34 @@ class JointMotion:
             rest=None if self.rest is None else self.rest[places],
             turns={keep[name]: each for name, each in self.turns.items() if name in keep},
         )
+
+
+def with_times(
+    where: str,
+    motion: JointMotion,
+    unit: float | None = 1.0,
+    shown: Sequence[np.ndarray] = (),
+    remedy: str = "",
+) -> JointMotion:
+    """Return a motion with times from zero [s] in place of the file's, and sentences about frames.
+
+    Frames with the time of the frame before are left out.
+
+    Args:
+        where: the file's name, for messages.
+        motion: the motion, with the time column of the file.
+        unit: unit of that column [s]; None finds it.
+        shown: content of the frames, arrays (n, ...), if it is more than the positions.
+        remedy: what the user can do if frames of equal time differ, for the message.
+
+    Raises:
+        RecordingError: if the times are not those of frames.
+    """
+    content = shown or [motion.positions]
+    time, kept, notes = to_seconds(where, motion.time, unit, content, remedy)
+    motion = replace(motion if kept.all() else motion.at(kept), time=time)
+    repeated = count_repeated_frames(motion.positions)
+    return replace(motion, notes=(*notes, *motion.notes, *repeated))
 
 
 @dataclass(frozen=True)

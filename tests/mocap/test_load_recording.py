@@ -415,6 +415,7 @@ def test_wrong_shapes_are_not_written(tmp_path: Path):
             write_bvh(tmp_path / "no.bvh", wrong[0], wrong[1], Body(), wrong[2])
 
 
+@pytest.mark.slow
 def test_progress_moves_from_begin_to_end(tmp_path: Path) -> None:
     poses, postures = np.tile(np.eye(4), (9000, 1, 1)), np.zeros((9000, 32))
     path = write_bvh(tmp_path / "long.bvh", postures, poses, Body(), 1 / RATE)

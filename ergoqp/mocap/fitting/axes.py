@@ -47,6 +47,8 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
+from ergoqp.mocap.fitting.posture import either, unit
+from ergoqp.mocap.naming import CENTRES
 
 _HEAD: Final = ("head", "head_top", "nose")
 _LEGS: Final = ("pelvis", "hip", "knee", "ankle", "toe")
@@ -60,20 +62,13 @@ def leans(places: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     Args:
         places: centre -> positions (n, 3), any unit, x forward, y left, z up.
     """
-    count = len(next(iter(places.values())))
-    unknown = np.full(count, np.nan)
-    hips, left = _hips(places), _left(places)
-    if hips is None or left is None or "neck" not in places:
-        return unknown, unknown
-    trunk = places["neck"] - hips
+    place = _every_centre(places)
+    left, trunk = _left(place), place["neck"] - _hips(place)
     level = left * [1.0, 1.0, 0.0]
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
     ahead = np.stack([level[:, 1], -level[:, 0], 0 * level[:, 0]], axis=1)
     lean = np.arctan2((ahead * trunk).sum(axis=1), trunk[:, 2])
-    skull = places.get("head_top", places.get("head"))
-    if skull is None:
-        return lean, unknown
-    neck = skull - places["neck"]
+    neck = places.get("head_top", place["head"]) - place["neck"]
     forward = np.cross(left, trunk)
     size = np.linalg.norm(forward, axis=1)
     along = (trunk * neck).sum(axis=1) * size / np.linalg.norm(trunk, axis=1).clip(1e-12)
@@ -93,10 +88,10 @@ def straightened(
         trunk: angle by which the trunk is turned back [rad].
         neck: angle by which the neck is turned back [rad], relative to the original trunk.
     """
-    left, shift = _left(places), shift_of(places, trunk)
-    if left is None or shift is None or trunk == neck == 0.0:
+    shift = shift_of(places, trunk)
+    if shift is None or trunk == neck == 0.0:
         return dict(places)
-    left = _bridged(left)
+    left = _bridged(_left(_every_centre(places)))
     found = {
         centre: path if centre.endswith(_LEGS) else (path + shift).astype(path.dtype)
         for centre, path in places.items()
@@ -110,20 +105,19 @@ def straightened(
 
 
 def shift_of(places: Mapping[str, np.ndarray], trunk: float) -> np.ndarray | None:
-    """Return the shift of everything above the hips (n, 3) [m]; None if there is no trunk.
+    """Return the shift of everything above the hips (n, 3) [m]; None if no trunk is seen.
 
     Args:
         places: centre -> positions (n, 3) [m].
         trunk: angle by which the trunk is turned back [rad].
     """
-    hips, left = _hips(places), _left(places)
-    if hips is None or left is None or "neck" not in places:
-        return None
+    place = _every_centre(places)
     # The shift is interpolated where a hip is not seen for a moment.
-    level = _bridged(left) * [1.0, 1.0, 0.0]
+    level = _bridged(_left(place)) * [1.0, 1.0, 0.0]
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
-    arm = places["neck"] - hips
-    return _bridged(_turned(arm, level, -trunk) - arm)
+    arm = place["neck"] - _hips(place)
+    shift = _bridged(_turned(arm, level, -trunk) - arm)
+    return shift if np.isfinite(shift).any() else None
 
 
 def _turned(vectors: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
@@ -142,25 +136,28 @@ def _bridged(vectors: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(at, at[seen], each[seen]) for each in vectors.T], axis=1)
 
 
-def _hips(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+def _every_centre(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the positions of every centre, NaN for those that the recording does not have."""
+    lost = np.full_like(next(iter(places.values())), np.nan)
+    return {**dict.fromkeys(CENTRES, lost), **places}
+
+
+def _hips(place: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the middle of the hips (n, 3); the pelvis where one of them is not seen."""
-    pelvis = places.get("pelvis")
-    if "right_hip" not in places or "left_hip" not in places:
-        return pelvis
-    hips = (places["right_hip"] + places["left_hip"]) / 2
-    return hips if pelvis is None else np.where(np.isfinite(hips), hips, pelvis)
+    hips = (place["right_hip"] + place["left_hip"]) / 2
+    return np.where(np.isfinite(hips), hips, place["pelvis"])
 
 
-def _left(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+def _left(place: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the unit vectors from right to left (n, 3), of the hips or else of the shoulders."""
-    found = None
-    for joint in ("hip", "shoulder"):
-        if f"right_{joint}" in places and f"left_{joint}" in places:
-            across = places[f"left_{joint}"] - places[f"right_{joint}"]
-            length = np.linalg.norm(across, axis=1, keepdims=True)
-            unit = across / np.where(length > 0, length, np.nan)
-            found = unit if found is None else np.where(np.isfinite(found), found, unit)
-    return found
+    pairs = (unit(place[f"left_{pair}"] - place[f"right_{pair}"]) for pair in ("hip", "shoulder"))
+    return either(*pairs)
+
+
+def first_middle(places: Mapping[str, np.ndarray], *groups: tuple[str, ...]) -> np.ndarray | None:
+    """Return the middle of the first group of centres that the recording has; None if of none."""
+    group = next((each for each in groups if all(name in places for name in each)), None)
+    return None if group is None else np.mean([places[name] for name in group], axis=0)
 
 
 _LIKELY: Final = math.radians(35)
@@ -269,15 +266,13 @@ def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
     A trunk that is bent by more than a skeleton leans is not a T-pose.
     """
-    count = len(next(iter(places.values())))
+    place = _every_centre(places)
     found = stands_straight(places) & (np.abs(leans(places)[0]) < _LIKELY)
-    for side in SIDES:
-        ends = [places.get(f"{side}_{centre}") for centre in ("shoulder", "elbow", "wrist")]
-        other = places.get(f"{'left' if side == 'right' else 'right'}_shoulder")
-        if other is None or any(end is None for end in ends):
-            return np.zeros(count, dtype=bool)
-        shoulder, elbow, wrist = (end for end in ends if end is not None)
-        out = shoulder - other
+    for side, other in zip(SIDES, reversed(SIDES), strict=True):
+        shoulder, elbow, wrist = (
+            place[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist")
+        )
+        out = shoulder - place[f"{other}_shoulder"]
         for bone in (elbow - shoulder, wrist - elbow):
             found &= _cosine(bone, out) > math.cos(_POSED)
     return found
@@ -308,24 +303,24 @@ def _way(lean: float) -> str:
 
 def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the frames in which no known knee is bent much (n,) bool; none without a leg."""
-    stands: np.ndarray | None = None
-    for side in SIDES:
-        hip, knee, ankle = (places.get(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
-        if hip is not None and knee is not None and ankle is not None:
-            straight = _cosine(knee - hip, ankle - knee) > math.cos(_STRAIGHT)
-            stands = straight if stands is None else stands & straight
-    return np.zeros(len(next(iter(places.values()))), dtype=bool) if stands is None else stands
+    stands = [
+        _cosine(places[knee] - places[hip], places[ankle] - places[knee]) > math.cos(_STRAIGHT)
+        for hip, knee, ankle in (
+            [f"{s}_{name}" for name in ("hip", "knee", "ankle")] for s in SIDES
+        )
+        if hip in places and knee in places and ankle in places
+    ]
+    none = np.zeros(len(next(iter(places.values()))), dtype=bool)
+    return np.logical_and.reduce(stands) if stands else none
 
 
 def _arms_hang(places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the frames in which no upper arm is raised by more than 45 degrees (n,) bool."""
-    hang = np.ones(len(next(iter(places.values()))), dtype=bool)
-    for side in SIDES:
-        shoulder, elbow = places.get(f"{side}_shoulder"), places.get(f"{side}_elbow")
-        if shoulder is not None and elbow is not None:
-            down = np.broadcast_to([0.0, 0.0, -1.0], shoulder.shape)
-            hang &= ~(_cosine(elbow - shoulder, down) < math.cos(math.radians(45)))
-    return hang
+    place = _every_centre(places)
+    arms = [place[f"{side}_elbow"] - place[f"{side}_shoulder"] for side in SIDES]
+    down = np.broadcast_to([0.0, 0.0, -1.0], arms[0].shape)
+    raised = [_cosine(arm, down) < math.cos(math.radians(45)) for arm in arms]
+    return ~np.logical_or.reduce(raised)
 
 
 def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
@@ -333,14 +328,8 @@ def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
 
     That is where one foot passes the other.
     """
-    walks = np.zeros(len(time), dtype=bool)
-    if any(f"{side}_{name}" not in places for side in SIDES for name in ("hip", "ankle")):
-        return walks
-    left = (places["left_hip"] - places["right_hip"])[:, :2]
-    apart = (places["right_ankle"] - places["left_ankle"])[:, :2]
-    passed = (apart[:, 0] * left[:, 1] - apart[:, 1] * left[:, 0]) / np.maximum(
-        np.linalg.norm(left, axis=1), 1e-9
-    )
+    walks, place = np.zeros(len(time), dtype=bool), _every_centre(places)
+    passed = _ahead_of_hips(place, place["right_ankle"] - place["left_ankle"])
     block = np.floor((time - time[0]) / _STRIDE).astype(int)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     for first, last in zip(starts, [*starts[1:], len(time)], strict=True):
@@ -353,16 +342,16 @@ def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
     return walks
 
 
-def _hips_ahead(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the distance of the hips ahead of the feet (n,) [m]; zero if either is missing."""
-    names = [f"{side}_{name}" for name in ("hip", "ankle") for side in SIDES]
-    if any(name not in places for name in names):
-        return np.zeros(len(next(iter(places.values()))))
-    hips, feet = (
-        (places[f"right_{name}"] + places[f"left_{name}"]) / 2 for name in ("hip", "ankle")
-    )
-    left = (places["left_hip"] - places["right_hip"])[:, :2]
-    ahead = (hips - feet)[:, 0] * left[:, 1] - (hips - feet)[:, 1] * left[:, 0]
+def _hips_ahead(place: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the distance of the hips ahead of the feet (n,) [m]."""
+    hips, feet = ((place[f"right_{name}"] + place[f"left_{name}"]) / 2 for name in ("hip", "ankle"))
+    return _ahead_of_hips(place, hips - feet)
+
+
+def _ahead_of_hips(place: Mapping[str, np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    """Return the horizontal component of vectors (n, 3) along the forward axis of the hips."""
+    left = (place["left_hip"] - place["right_hip"])[:, :2]
+    ahead = vectors[:, 0] * left[:, 1] - vectors[:, 1] * left[:, 0]
     return ahead / np.maximum(np.linalg.norm(left, axis=1), 1e-9)
 
 
@@ -391,8 +380,10 @@ LIKELY_STATURE: Final = (1.4, 2.1)
 UPS: Final = ("x", "y", "z", "-x", "-y", "-z")
 """Vertical axes that a file may have."""
 
-_UPPER = (("head",), ("neck",), ("right_shoulder", "left_shoulder"))
-_MIDDLE = (("right_hip", "left_hip"), ("pelvis",))
+_HIPS: Final = ("right_hip", "left_hip")
+_SHOULDERS: Final = ("right_shoulder", "left_shoulder")
+_UPPER = (("head",), ("neck",), _SHOULDERS)
+_MIDDLE = (_HIPS, ("pelvis",))
 _LOWER = (("right_ankle", "left_ankle"), ("right_knee", "left_knee"), *_MIDDLE)
 # Smallest mean component along the vertical axis of the unit vectors from the feet to the head and
 # to the hips; a single vector with this component is 53 degrees from the axis.
@@ -473,6 +464,16 @@ def axes_of(up: str) -> np.ndarray:
     return turn if up == up[-1] else np.diag([1.0, -1.0, -1.0]) @ turn
 
 
+def leg_of(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the mean vector from ankle to hip of the legs (n, 3); None without a leg."""
+    legs = [
+        places[f"{side}_hip"] - places[f"{side}_ankle"]
+        for side in SIDES
+        if f"{side}_hip" in places and f"{side}_ankle" in places
+    ]
+    return np.mean(legs, axis=0) if legs else None
+
+
 def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Return the direction (3,) of bodies that stand upright, with legs and trunk in line.
 
@@ -482,15 +483,14 @@ def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     Args:
         places: centre -> positions (n, 3), any unit, along our axes.
     """
-    legs = [
-        places[f"{side}_hip"] - places[f"{side}_ankle"]
-        for side in SIDES
-        if f"{side}_hip" in places and f"{side}_ankle" in places
-    ]
-    top, hips = (_centre(places, *which) for which in (("neck", "shoulder"), ("pelvis", "hip")))
-    if not legs or top is None or hips is None:
+    leg = leg_of(places)
+    top, hips = (
+        first_middle(places, ("neck",), _SHOULDERS),
+        first_middle(places, ("pelvis",), _HIPS),
+    )
+    if leg is None or top is None or hips is None:
         return None
-    leg, trunk = np.mean(legs, axis=0), top - hips
+    trunk = top - hips
     size = np.linalg.norm(leg, axis=1) * np.linalg.norm(trunk, axis=1)
     line = (leg * trunk).sum(axis=1) > _IN_LINE * size
     upright = line & stands_straight(places)
@@ -507,14 +507,6 @@ def tilt_of(line: np.ndarray) -> np.ndarray | None:
     across = np.cross(line, [0.0, 0.0, 1.0])
     angle = np.arctan2(np.linalg.norm(across), line[2])
     return Rotation.from_rotvec(angle * across / np.linalg.norm(across)).as_matrix()
-
-
-def _centre(places: Mapping[str, np.ndarray], one: str, pair: str) -> np.ndarray | None:
-    """Return a centre, or else the middle of a pair; None if neither exists."""
-    sides = [places[f"{side}_{pair}"] for side in SIDES if f"{side}_{pair}" in places]
-    if one in places:
-        return places[one]
-    return (sides[0] + sides[1]) / 2 if len(sides) == 2 else None
 
 
 def _middle(centres: Mapping[str, np.ndarray], choices: tuple[tuple[str, ...], ...]) -> np.ndarray:
@@ -547,10 +539,19 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
     Raises:
         RecordingError: if left and right are exchanged, or an axis is mirrored.
     """
-    ahead = _ahead(places)
-    if ahead is None:
+    top, hips = (
+        first_middle(places, _SHOULDERS, ("neck",)),
+        first_middle(places, _HIPS, ("pelvis",)),
+    )
+    pair = next((p for p in (_HIPS, _SHOULDERS) if all(name in places for name in p)), None)
+    if top is None or hips is None or pair is None:
         return ""
-    for what, ways in _evidence(places, ahead):
+    left, trunk = places[pair[1]] - places[pair[0]], top - hips
+    ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1).astype(float)
+    # A trunk that is level or upside down does not show left and right.
+    ahead[~(trunk[:, 2] > 0.5 * np.linalg.norm(trunk, axis=1))] = np.nan
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
+    for what, ways in _evidence(_every_centre(places), ahead, trunk):
         ways = ways[np.isfinite(ways)]
         if len(ways) < _FEW or max((ways > 0).mean(), (ways < 0).mean()) < _CLEAR:
             continue
@@ -566,81 +567,41 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
     )
 
 
-def _ahead(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the horizontal forward direction (n, 3); None if it is unknown.
-
-    NaN while the trunk is not upright.
-    """
-    pair = next((p for p in ("hip", "shoulder") if all(f"{s}_{p}" in places for s in SIDES)), None)
-    trunk = _trunk(places)
-    if pair is None or trunk is None:
-        return None
-    left = places[f"left_{pair}"] - places[f"right_{pair}"]
-    ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1).astype(float)
-    # A trunk that is level or upside down does not show left and right.
-    ahead[~(trunk[:, 2] > 0.5 * np.linalg.norm(trunk, axis=1))] = np.nan
-    return ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
-
-
-def _trunk(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the vector from the hips to the top of the trunk (n, 3)."""
-    below = _middle_of_pair(places, "hip", "pelvis")
-    above = _middle_of_pair(places, "shoulder", "neck")
-    return None if below is None or above is None else above - below
-
-
-def _middle_of_pair(places: Mapping[str, np.ndarray], pair: str, one: str) -> np.ndarray | None:
-    sides = [places[f"{side}_{pair}"] for side in SIDES if f"{side}_{pair}" in places]
-    return (sides[0] + sides[1]) / 2 if len(sides) == 2 else places.get(one)
-
-
 def _evidence(
-    places: Mapping[str, np.ndarray], ahead: np.ndarray
+    place: Mapping[str, np.ndarray], ahead: np.ndarray, trunk: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield each evidence in words, and how far it points forward in each frame; NaN: unknown."""
-    yield "the feet point", np.concatenate([_toes(places, ahead, side) for side in SIDES])
-    if "head" in places and "nose" in places:
-        yield "the nose points", _along(ahead, places["nose"] - places["head"])
-    yield "the knees bend", np.concatenate([_knees(places, ahead, side) for side in SIDES])
-    trunk = _trunk(places)
-    if trunk is None:
-        return
+    """Yield each evidence in words, and how far it points forward; NaN where unknown.
+
+    Args:
+        place: every centre -> positions (n, 3).
+        ahead: the horizontal forward direction (n, 3); NaN while the trunk is not upright.
+        trunk: vector from the hips to the top of the trunk (n, 3).
+    """
+    legs = [[place[f"{s}_{name}"] for name in ("hip", "knee", "ankle", "toe")] for s in SIDES]
+    yield "the feet point", np.concatenate([_toes(ahead, *leg[1:]) for leg in legs])
+    yield "the nose points", _along(ahead, place["nose"] - place["head"])
+    yield "the knees bend", np.concatenate([_knees(ahead, *leg[:3]) for leg in legs])
     # Forward here is perpendicular to the trunk, not along the floor, so a tilt does not matter.
     size = np.linalg.norm(trunk, axis=1, keepdims=True)
     left = np.stack([-ahead[:, 1], ahead[:, 0], 0 * ahead[:, 0]], axis=1)
     before = np.cross(left, trunk / np.maximum(size, 1e-12))
-    reaches = [_hands(places, before, side, size[:, 0]) for side in SIDES]
-    yield "the hands reach", np.concatenate(reaches)
+    reaches = [_along(before, place[f"{s}_wrist"] - place[f"{s}_shoulder"]) for s in SIDES]
+    far = [np.where(np.abs(reach) > _REACHES * size[:, 0], reach, np.nan) for reach in reaches]
+    yield "the hands reach", np.concatenate(far)
 
 
-def _toes(places: Mapping[str, np.ndarray], ahead: np.ndarray, side: str) -> np.ndarray:
-    knee, ankle, toe = (places.get(f"{side}_{name}") for name in ("knee", "ankle", "toe"))
-    if knee is None or ankle is None or toe is None:
-        return np.empty(0)
+def _toes(ahead: np.ndarray, knee: np.ndarray, ankle: np.ndarray, toe: np.ndarray) -> np.ndarray:
     # A person who kneels has the toes behind.
     shank = knee - ankle
     stands = shank[:, 2] > 0.7 * np.linalg.norm(shank, axis=1)
     return np.where(stands, _along(ahead, toe - ankle), np.nan)
 
 
-def _knees(places: Mapping[str, np.ndarray], ahead: np.ndarray, side: str) -> np.ndarray:
-    hip, knee, ankle = (places.get(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
-    if hip is None or knee is None or ankle is None:
-        return np.empty(0)
+def _knees(ahead: np.ndarray, hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray) -> np.ndarray:
     thigh, shank = knee - hip, ankle - knee
     size = np.linalg.norm(thigh, axis=1) * np.linalg.norm(shank, axis=1)
     bent = (thigh * shank).sum(axis=1) < _BENT * size
     return np.where(bent, _along(ahead, knee - (hip + ankle) / 2), np.nan)
-
-
-def _hands(
-    places: Mapping[str, np.ndarray], before: np.ndarray, side: str, trunk: np.ndarray
-) -> np.ndarray:
-    shoulder, wrist = places.get(f"{side}_shoulder"), places.get(f"{side}_wrist")
-    if shoulder is None or wrist is None:
-        return np.empty(0)
-    reach = _along(before, wrist - shoulder)
-    return np.where(np.abs(reach) > _REACHES * trunk, reach, np.nan)
 
 
 def _along(ahead: np.ndarray, vector: np.ndarray) -> np.ndarray:

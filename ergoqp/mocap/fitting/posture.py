@@ -41,6 +41,7 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.validity import (
     Usual,
+    angle_between,
     filled,
     not_followed,
     not_seen,
@@ -182,12 +183,12 @@ def arm_angles(
         time: times of the frames (n,) [s].
         begin: whether the second triple is chosen at first; None: unknown.
     """
-    out, upper_arm = _out(side), _unit(upper_arm)
+    out, upper_arm = _out(side), unit(upper_arm)
     forearm = _beyond(upper_arm, forearm)
     hand = _beyond(forearm, hand)
     lower, upper = _range(side, "shoulder_flexion", "shoulder_abduction", "shoulder_rotation")
     forward, aside, up = upper_arm.T
-    bend = _between(upper_arm, forearm)
+    bend = angle_between(upper_arm, forearm)
 
     held = np.stack([np.arctan2(forward, -up), np.arcsin(np.clip(out * aside, -1, 1))], axis=1)
     turn = _turn(forearm, held, out)
@@ -209,25 +210,16 @@ def arm_angles(
     elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
 
     axes = _hanging(held, out) * Rotation.from_euler("ZY", np.stack([-out * rotation, -elbow], 1))
-    wrist, told = _wrist_angles(side, axes.inv().apply(hand), axes.inv().apply(thumb), time)
-    arm, fore = np.isfinite(up), np.isfinite(bend)
-    return (
-        {
-            "shoulder_flexion": flexion,
-            "shoulder_abduction": held[:, 1],
-            "shoulder_rotation": rotation,
-            "elbow_flexion": elbow,
-        }
-        | wrist,
-        {
-            "shoulder_flexion": arm,
-            "shoulder_abduction": arm,
-            "shoulder_rotation": fore,
-            "elbow_flexion": fore,
-        }
-        | told,
-        second,
-    )
+    angles, told = _wrist_angles(side, axes.inv().apply(hand), axes.inv().apply(thumb), time)
+    angles |= {
+        "shoulder_flexion": flexion,
+        "shoulder_abduction": held[:, 1],
+        "shoulder_rotation": rotation,
+        "elbow_flexion": elbow,
+    }
+    told |= dict.fromkeys(("shoulder_flexion", "shoulder_abduction"), np.isfinite(up))
+    told |= dict.fromkeys(("shoulder_rotation", "elbow_flexion"), np.isfinite(bend))
+    return angles, told, second
 
 
 def leg_angles(
@@ -249,12 +241,12 @@ def leg_angles(
         sole: from ankle to toe of the person's own foot, in its axes (3,).
         time: times of the frames (n,) [s].
     """
-    out, thigh = _out(side), _unit(thigh)
+    out, thigh = _out(side), unit(thigh)
     shank = _beyond(thigh, shank)
     foot = _beyond(shank, foot)
     lower, upper = _range(side, "hip_flexion", "hip_abduction", "hip_rotation")
     forward, aside, up = thigh.T
-    bend = _between(thigh, shank)
+    bend = angle_between(thigh, shank)
     flexion = steady(np.arctan2(forward, -up), np.hypot(forward, up), time)
     held = np.stack([flexion, filled(np.arcsin(np.clip(out * aside, -1, 1)), time)], axis=1)
     held = np.clip(held, lower[:2], upper[:2])
@@ -271,26 +263,18 @@ def leg_angles(
     toes, (length, _, drop) = axes.inv().apply(foot), sole / np.linalg.norm(sole)
     roll = np.arcsin(np.clip(toes[:, 1] / -drop, -1, 1))
     pitch = np.arctan2(toes[:, 2], toes[:, 0]) - np.arctan2(drop * np.cos(roll), length)
-    ankle = {"ankle_flexion": pitch, "ankle_inversion": -out * roll}
-    leg, fore = np.isfinite(up), np.isfinite(bend)
-    toe = np.isfinite(pitch)
-    return (
-        {
-            "hip_flexion": held[:, 0],
-            "hip_abduction": held[:, 1],
-            "hip_rotation": rotation,
-            "knee_flexion": knee,
-        }
-        | {name: _inside(side, name, each, time) for name, each in ankle.items()},
-        {
-            "hip_flexion": leg,
-            "hip_abduction": leg,
-            "hip_rotation": fore,
-            "knee_flexion": fore,
-            "ankle_flexion": toe,
-            "ankle_inversion": toe,
-        },
-    )
+    angles = {
+        "hip_flexion": held[:, 0],
+        "hip_abduction": held[:, 1],
+        "hip_rotation": rotation,
+        "knee_flexion": knee,
+        "ankle_flexion": _inside(side, "ankle_flexion", pitch, time),
+        "ankle_inversion": _inside(side, "ankle_inversion", -out * roll, time),
+    }
+    told = dict.fromkeys(("hip_flexion", "hip_abduction"), np.isfinite(up))
+    told |= dict.fromkeys(("hip_rotation", "knee_flexion"), np.isfinite(bend))
+    told |= dict.fromkeys(("ankle_flexion", "ankle_inversion"), np.isfinite(pitch))
+    return angles, told
 
 
 def _wrist_angles(
@@ -299,27 +283,22 @@ def _wrist_angles(
     """Return the angles of forearm and wrist; hand and thumb in the axes of the elbow (n, 3)."""
     out = _out(side)
     up = -hand
-    beside = _unit(thumb - (thumb * up).sum(axis=1, keepdims=True) * up)
+    beside = unit(thumb - (thumb * up).sum(axis=1, keepdims=True) * up)
     across = np.cross(up, beside)
     ahead = np.cos(THUMB) * beside + out * np.sin(THUMB) * across
     # The hand's left axis is the axis of deviation, so deviation does not change it.
     left = np.cross(up, ahead)
     pronation = _inside(side, "forearm_pronation", out * np.arctan2(left[:, 0], left[:, 1]), time)
     turned = Rotation.from_euler("Z", -out * pronation[:, None]).inv().apply(hand)
-    wrist = {
-        "wrist_flexion": -out * np.arctan2(turned[:, 1], -turned[:, 2]),
-        "wrist_deviation": -np.arcsin(np.clip(turned[:, 0], -1, 1)),
+    flexion = -out * np.arctan2(turned[:, 1], -turned[:, 2])
+    deviation = -np.arcsin(np.clip(turned[:, 0], -1, 1))
+    angles = {
+        "forearm_pronation": pronation,
+        "wrist_flexion": _inside(side, "wrist_flexion", flexion, time),
+        "wrist_deviation": _inside(side, "wrist_deviation", deviation, time),
     }
-    seen = np.isfinite(turned[:, 0])
-    return (
-        {"forearm_pronation": pronation}
-        | {name: _inside(side, name, each, time) for name, each in wrist.items()},
-        {
-            "forearm_pronation": np.isfinite(left[:, 0]),
-            "wrist_flexion": seen,
-            "wrist_deviation": seen,
-        },
-    )
+    told = dict.fromkeys(("wrist_flexion", "wrist_deviation"), np.isfinite(turned[:, 0]))
+    return angles, told | {"forearm_pronation": np.isfinite(left[:, 0])}
 
 
 def _turn(bone: np.ndarray, held: np.ndarray, out: float) -> np.ndarray:
@@ -356,20 +335,23 @@ def _inside(side: str, joint: str, angles: np.ndarray, time: np.ndarray) -> np.n
     return np.clip(filled(near(angles, lower, upper), time), lower, upper)
 
 
-def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the angle between unit vectors (n, 3), exact also near 0 and pi (n,) [rad]."""
-    return np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
-
-
 def _beyond(bone: np.ndarray, following: np.ndarray) -> np.ndarray:
     """Return the directions of the next bone (n, 3); NaN where the first bone is not seen."""
-    return np.where(np.isfinite(bone), _unit(following), np.nan)
+    return np.where(np.isfinite(bone), unit(following), np.nan)
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Return unit vectors (n, 3); NaN for those without a direction."""
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors of length one (n, 3); NaN for those without a direction."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(length > 0, length, np.nan)
+
+
+def either(*choices: np.ndarray) -> np.ndarray:
+    """Return the first of several vectors that is seen, in each frame (n, 3)."""
+    found = choices[-1]
+    for choice in reversed(choices[:-1]):
+        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
+    return found
 
 
 _PAIRS: Final = ("hip", "shoulder", "knee", "elbow", "ankle", "wrist")
@@ -402,22 +384,18 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
         place: every centre -> positions (n, 3) [m], NaN where not seen.
         time: times of the frames (n,) [s].
     """
-    hips = _first((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
+    hips = either((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
     shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
-    neck = _first(place["neck"], shoulders)
+    neck = either(place["neck"], shoulders)
     yaw = _unwrapped(_heading(place), time)
     pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
     upright = Rotation.from_euler("Z", yaw[:, None])
     trunk, trunk_told, axes = _segment(
-        "trunk",
-        upright,
-        neck - hips,
-        place["left_shoulder"] - place["right_shoulder"],
-        time,
+        "trunk", upright, neck - hips, place["left_shoulder"] - place["right_shoulder"], time
     )
     # The nose defines left: perpendicular to where it points.
-    head = _first(place["head_top"], place["head"])
-    ahead = place["nose"] - _first(place["head"], neck)
+    head = either(place["head_top"], place["head"])
+    ahead = place["nose"] - either(place["head"], neck)
     left = np.cross(head - neck, ahead)
     bent, bent_told, _ = _segment("neck", axes, head - neck, left, time)
     return Spine(pelvis, trunk | bent, trunk_told | bent_told, upright, axes)
@@ -435,13 +413,10 @@ def _segment(
     axes = below * Rotation.from_euler("YX", np.stack(list(angles.values()), 1) * [1.0, -1.0])
     seen = np.isfinite(bend)
     x, y, _ = axes.inv().apply(left).T
-    twist, turned = (
-        f"{name}_twist",
-        np.where(seen & (np.hypot(x, y) > 0), np.arctan2(-x, y), np.nan),
-    )
-    angles[twist] = _within_range(twist, turned, time)
-    told = {f"{name}_flexion": seen, f"{name}_side_bend": seen, twist: np.isfinite(turned)}
-    return angles, told, axes * Rotation.from_euler("Z", angles[twist][:, None])
+    turned = np.where(seen & (np.hypot(x, y) > 0), np.arctan2(-x, y), np.nan)
+    twist = _within_range(f"{name}_twist", turned, time)
+    told = dict.fromkeys(angles, seen) | {f"{name}_twist": np.isfinite(turned)}
+    return angles | {f"{name}_twist": twist}, told, axes * Rotation.from_euler("Z", twist[:, None])
 
 
 def _heading(place: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -463,11 +438,6 @@ def _unwrapped(yaw: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 def _within_range(joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.clip(filled(angles, time), LOWER[INDEX[joint]], UPPER[INDEX[joint]])
-
-
-def _first(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the first positions, and the others where the first are not seen (n, 3)."""
-    return np.where(np.isfinite(one).all(axis=1, keepdims=True), one, other)
 
 
 _BLOCK: Final = 8192

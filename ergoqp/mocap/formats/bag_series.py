@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import repeated, seconds, short, some, unit_turns
+from ergoqp.mocap.formats.text import count_repeated_frames, short, some, to_seconds, unit_turns
 
 MOST: Final = 1000
 """Largest number of names of one kind in a bag of a person and objects."""
@@ -141,7 +141,7 @@ def frames_of(
             "The times are those of the recorder, because the stamps of the messages are missing or"
             " not in order."
         )
-    time, kept, said = seconds(where, (stamps - stamps[0]) * 1e-9, 1.0, [shown])
+    time, kept, said = to_seconds(where, (stamps - stamps[0]) * 1e-9, 1.0, [shown])
     return Frames(stamps[kept], lag, time, kept, (*notes, *said))
 
 
@@ -274,7 +274,8 @@ class Tree:
                     known[link] = pose if above is None else onto(above, pose)
         positions = np.stack([known[name][:, :3] for name in names], axis=1)
         turns = {name: known[name][:, 3:] for name in names}
-        return Joints(names, root, positions, frames, (*notes, *repeated(positions)), turns)
+        notes += count_repeated_frames(positions)
+        return Joints(names, root, positions, frames, tuple(notes), turns)
 
     def between(self, name: str, target: str, frames: Frames) -> np.ndarray | None:
         """Return a frame's pose in another (n, 7), NaN where unknown; None if not connected."""
@@ -458,7 +459,7 @@ class Markers:
             notes.append(f"{int((~shown).sum())} of {len(shown)} messages show nobody.")
         positions = positions if frames.kept.all() else positions[frames.kept]
         # Consecutive messages that show nobody do not count as repeated frames.
-        notes += repeated(positions[shown[frames.kept]])
+        notes += count_repeated_frames(positions[shown[frames.kept]])
         return Joints(names, within, positions, frames, tuple(notes))
 
     @property

@@ -23,7 +23,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.files.atomic import write_text_atomic
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.mocap.formats.text import TableOptions, binary, repeated, short
+from ergoqp.mocap.formats.text import TableOptions, binary, count_repeated_frames, short
 from ergoqp.mocap.recording import JointMotion
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -345,7 +345,7 @@ def read_bvh(
         positions[:count],
         text.frame_time * np.arange(count),
         rest[0],
-        (note, *repeated(positions[:count])),
+        (note, *count_repeated_frames(positions[:count])),
     )
 
 

@@ -27,7 +27,14 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import TableOptions, binary, repeated, seconds, short, some
+from ergoqp.mocap.formats.text import (
+    TableOptions,
+    binary,
+    count_repeated_frames,
+    short,
+    some,
+    to_seconds,
+)
 from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
@@ -75,7 +82,7 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class Head:
+class Header:
     """Header and parameters of a file.
 
     Attributes:
@@ -141,7 +148,7 @@ def is_c3d(first: bytes) -> bool:
     return at < len(first) and first[at] in _PROCESSORS
 
 
-def read_head(path: Path, file: BinaryIO) -> Head:
+def read_header(path: Path, file: BinaryIO) -> Header:
     """Return the header and the parameters of a file.
 
     Args:
@@ -177,7 +184,7 @@ def read_head(path: Path, file: BinaryIO) -> Head:
     point = parameters.get("POINT", {})
     scale, rate = (float(numbers.floats(top[at : at + 4])[0]) for at in (12, 20))
     hertz, notes = _rate(path, rate, _first(point.get("RATE")))
-    return Head(
+    return Header(
         points=words[1],
         analog=words[2],
         first=words[3],
@@ -326,32 +333,32 @@ class _Count:
     ended: bool = False
 
 
-def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, tuple[str, ...]]:
+def frames_of(path: Path, file: BinaryIO, header: Header, size: int) -> tuple[int, tuple[str, ...]]:
     """Return the number of frames of a file, and sentences.
 
     Args:
         path: the file.
         file: the opened file.
-        head: its header.
+        header: its header.
         size: its size [bytes].
 
     Raises:
         RecordingError: if the file is cut, or holds more frames than it can count and states no
             long count.
     """
-    there = max(size - head.start, 0) // head.frame_bytes
-    counts, header = _stated(head), (head.last - head.first + 1) % (_LONGEST + 1)
-    if head.last < head.first and header and _fills(header, head, size):
-        counts.append(_Count(header))
-    fitting = [count for count in counts if _fills(count.frames, head, size)]
+    there = max(size - header.start, 0) // header.frame_bytes
+    counts, counted = _stated(header), (header.last - header.first + 1) % (_LONGEST + 1)
+    if header.last < header.first and counted and _fills(counted, header, size):
+        counts.append(_Count(counted))
+    fitting = [count for count in counts if _fills(count.frames, header, size)]
     chosen = next(iter(fitting or counts), _Count(0))
     count = chosen.frames
-    anew = [header, *(each.frames for each in counts)]
+    anew = [counted, *(each.frames for each in counts)]
     more = there - count
     if count <= _LONGEST and (
-        (fitting and chosen.ended and more and _tail(file, head, count))
+        (fitting and chosen.ended and more and _tail(file, header, count))
         or (not fitting and any(each.ended and there > each.frames for each in counts))
-        or (not fitting and any(_begun_anew(each, head, size) for each in anew))
+        or (not fitting and any(_begun_anew(each, header, size) for each in anew))
     ):
         fail(
             path,
@@ -360,11 +367,11 @@ def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, t
             " or in parts",
         )
     if not count:
-        fail(path, f"got the frames {head.first} to {head.last}, allowed 1 and more")
+        fail(path, f"got the frames {header.first} to {header.last}, allowed 1 and more")
     if more < 0:
         fail(path, f"got {there} frames, allowed {count} as stated; the file is cut")
     # The rotations of segments are stored after the points.
-    if more < 2 + BLOCK // head.frame_bytes or "ROTATION" in head.parameters:
+    if more < 2 + BLOCK // header.frame_bytes or "ROTATION" in header.parameters:
         return count, ()
     return count, (
         f"The file states {count} frames and is long enough for {there}: the data after the stated"
@@ -372,16 +379,16 @@ def frames_of(path: Path, file: BinaryIO, head: Head, size: int) -> tuple[int, t
     )
 
 
-def _stated(head: Head) -> list[_Count]:
+def _stated(header: Header) -> list[_Count]:
     """Return the counts that a file states, the surest first."""
-    short = _whole(head.of("POINT", "FRAMES"))
-    trial = [head.of("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END")]
+    short = _whole(header.of("POINT", "FRAMES"))
+    trial = [header.of("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END")]
     counts = [
         _Count(short if short != _LONGEST else 0),
-        _Count(_whole(head.of("POINT", "LONG_FRAMES"))),
+        _Count(_whole(header.of("POINT", "LONG_FRAMES"))),
         _Count(_between(*trial)),
         _Count(short if short == _LONGEST else 0, ended=True),
-        _Count(head.last - head.first + 1, ended=head.last == _LONGEST),
+        _Count(header.last - header.first + 1, ended=header.last == _LONGEST),
     ]
     return [count for count in counts if count.frames > 0]
 
@@ -406,26 +413,26 @@ def _between(first: object, last: object) -> int:
     return numbers[1] - numbers[0] + 1
 
 
-def _left(count: int, head: Head, size: int) -> int:
+def _left(count: int, header: Header, size: int) -> int:
     """Return the number of bytes after some number of frames."""
-    return size - head.start - count * head.frame_bytes
+    return size - header.start - count * header.frame_bytes
 
 
-def _fills(count: int, head: Head, size: int) -> bool:
+def _fills(count: int, header: Header, size: int) -> bool:
     """Return whether some number of frames fills a file, up to a rest of less than a block."""
-    return 0 <= _left(count, head, size) < BLOCK
+    return 0 <= _left(count, header, size) < BLOCK
 
 
-def _begun_anew(count: int, head: Head, size: int) -> bool:
+def _begun_anew(count: int, header: Header, size: int) -> bool:
     """Return whether a file holds a multiple of 65 536 frames more than a count."""
-    left = _left(count, head, size)
-    round_ = (_LONGEST + 1) * head.frame_bytes
+    left = _left(count, header, size)
+    round_ = (_LONGEST + 1) * header.frame_bytes
     return count <= _LONGEST and left >= round_ and left % round_ < BLOCK
 
 
-def _tail(file: BinaryIO, head: Head, count: int) -> bool:
+def _tail(file: BinaryIO, header: Header, count: int) -> bool:
     """Return whether there is other data than zeros after some number of frames."""
-    file.seek(head.start + count * head.frame_bytes)
+    file.seek(header.start + count * header.frame_bytes)
     return any(file.read(BLOCK))
 
 
@@ -453,10 +460,10 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         RecordingError: if it is not a C3D file, is cut, or has no labelled marker.
     """
     with binary(path) as file:
-        head = read_head(path, file)
-        count, said = frames_of(path, file, head, path.stat().st_size)
-        labels, notes = _labels(head)
-        bent_ones, computed = _named(head, "ANGLES"), _named(head, *_COMPUTED)
+        header = read_header(path, file)
+        count, said = frames_of(path, file, header, path.stat().st_size)
+        labels, notes = _labels(header)
+        bent_ones, computed = _named(header, "ANGLES"), _named(header, *_COMPUTED)
         angles = {name: i for name, i in labels.items() if _is(name, bent_ones)}
         markers = {
             name: i for name, i in labels.items() if name not in angles and not _is(name, computed)
@@ -464,25 +471,25 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         if not markers:
             fail(
                 path,
-                f"got no marker with a name among {head.points} points, allowed labelled markers;"
+                f"got no marker with a name among {header.points} points, allowed labelled markers;"
                 " label them in the program that recorded them",
             )
         positions, bent = _frames(
-            file, head, count, list(markers.values()), list(angles.values()), progress
+            file, header, count, list(markers.values()), list(angles.values()), progress
         )
-    time, _, uniform = seconds(path.name, np.arange(count) / head.rate, 1.0)
+    time, _, uniform = to_seconds(path.name, np.arange(count) / header.rate, 1.0)
     if others := len(labels) - len(markers) - len(angles):
         notes.append(f"{others} points are computed (forces, moments, powers) and left out.")
-    units = head.text("POINT", "UNITS")
+    units = header.text("POINT", "UNITS")
     unit = UNITS.get(units, UNITS_WORDS.get(units))
-    if not head.text("POINT", "ANGLE_UNITS").startswith("rad"):
+    if not header.text("POINT", "ANGLE_UNITS").startswith("rad"):
         bent *= np.float32(np.pi / 180)
     return JointMotion(
         tuple(markers),
         positions,
         time,
         None,
-        (*head.notes, *said, *notes, *uniform, *repeated(positions)),
+        (*header.notes, *said, *notes, *uniform, *count_repeated_frames(positions)),
         angles={
             f"{name} {axis}": bent[:, i, j]
             for i, name in enumerate(angles)
@@ -490,13 +497,13 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         },
         markers=True,
         unit=unit,
-        measures=_measures(head, unit),
+        measures=_measures(header, unit),
     )
 
 
-def _named(head: Head, *groups: str) -> frozenset[str]:
+def _named(header: Header, *groups: str) -> frozenset[str]:
     """Return the names of the points in some groups."""
-    return frozenset(name for group in groups for name in head.texts("POINT", group) if name)
+    return frozenset(name for group in groups for name in header.texts("POINT", group) if name)
 
 
 def _is(name: str, named: frozenset[str]) -> bool:
@@ -504,18 +511,19 @@ def _is(name: str, named: frozenset[str]) -> bool:
     return name in named or name.rpartition(":")[2] in named
 
 
-def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
+def _labels(header: Header) -> tuple[dict[str, int], list[str]]:
     """Return name -> index of its point, for the points that have a name, and sentences."""
-    stated = head.texts("POINT", "LABELS")
+    stated = header.texts("POINT", "LABELS")
     notes: list[str] = []
     labels: dict[str, int] = {}
     twice: dict[str, None] = {}
-    if len(stated) > head.points and any(stated[head.points :]):
+    if len(stated) > header.points and any(stated[header.points :]):
         notes.append(
-            f"The file names {len(stated)} points and has {head.points}: the first names are used."
+            f"The file names {len(stated)} points and has {header.points}: the first names are"
+            " used."
         )
-    lost = max(head.points - len(stated), 0)
-    for i, name in enumerate(stated[: head.points]):
+    lost = max(header.points - len(stated), 0)
+    for i, name in enumerate(stated[: header.points]):
         if nameless(name):
             lost += 1
         elif name in labels:
@@ -523,7 +531,7 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
         else:
             labels[name] = i
     if lost:
-        notes.append(f"{lost} of {head.points} points have no label and are left out.")
+        notes.append(f"{lost} of {header.points} points have no label and are left out.")
     if twice:
         notes.append(f"{some(list(twice))}: in the file twice; the first is used.")
     return labels, notes
@@ -531,22 +539,22 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
 
 def _frames(
     file: BinaryIO,
-    head: Head,
+    header: Header,
     count: int,
     markers: list[int],
     angles: list[int],
     progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (n, m, 3) of markers and values (n, a, 3) of angles."""
-    length = head.frame_bytes
+    length = header.frame_bytes
     positions = np.empty((count, len(markers), 3), dtype=np.float32)
     bent = np.empty((count, len(angles), 3), dtype=np.float32)
-    file.seek(head.start)
+    file.seek(header.start)
     many = max(_BLOCK // length, 1)
     for at in range(0, count, many):
         now = min(many, count - at)
         with np.errstate(invalid="ignore", over="ignore"):  # some bits are not numbers
-            points = _points(file.read(now * length), head, now)
+            points = _points(file.read(now * length), header, now)
             lost = ~(points[:, :, 3] >= 0) | ~(np.abs(points[:, :, :3]) <= _FARTHEST).all(axis=2)
             points[lost, :3] = np.nan
             bent[at : at + now] = points[:, angles, :3]
@@ -557,23 +565,23 @@ def _frames(
     return positions, bent
 
 
-def _points(raw: bytes, head: Head, count: int) -> np.ndarray:
+def _points(raw: bytes, header: Header, count: int) -> np.ndarray:
     """Return x, y, z [file unit] and a number that is negative if not seen (n, m, 4)."""
-    of_points = 4 * head.points
-    if head.scale < 0:
-        values = head.numbers.floats(raw).reshape(count, -1)[:, :of_points]
-        return values.reshape(count, head.points, 4)
-    values = head.numbers.integers(raw).reshape(count, -1)[:, :of_points]
-    points = values.reshape(count, head.points, 4).astype(np.float32)
-    points[:, :, :3] *= head.scale
+    of_points = 4 * header.points
+    if header.scale < 0:
+        values = header.numbers.floats(raw).reshape(count, -1)[:, :of_points]
+        return values.reshape(count, header.points, 4)
+    values = header.numbers.integers(raw).reshape(count, -1)[:, :of_points]
+    points = values.reshape(count, header.points, 4).astype(np.float32)
+    points[:, :, :3] *= header.scale
     return points
 
 
-def _measures(head: Head, unit: float | None) -> dict[str, float]:
+def _measures(header: Header, unit: float | None) -> dict[str, float]:
     """Return the measures of the person [m]; none if the unit is unknown."""
     found = {}
-    for name in head.parameters.get(_SUBJECT, {}):
-        value = head.number(_SUBJECT, name)
+    for name in header.parameters.get(_SUBJECT, {}):
+        value = header.number(_SUBJECT, name)
         if unit is not None and value is not None and 0 < value <= _FARTHEST:
             found[name.casefold()] = value * unit
     return found

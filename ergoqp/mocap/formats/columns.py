@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,8 +15,8 @@ from ergoqp.mocap.formats.text import (
     GrowableArray,
     TableOptions,
     TextLines,
+    drop_duplicate_times,
     is_number,
-    once,
     short,
     some,
     tick_of,
@@ -37,7 +37,7 @@ _LOST: Final = frozenset(
 """Words of trackers for a joint that they do not see, without separators of words."""
 
 
-class Clock:
+class ClockTimeParser:
     """Conversion of a column of clock times, with or without dates, to seconds."""
 
     def __init__(self, where: str = "") -> None:
@@ -52,7 +52,7 @@ class Clock:
 
         Without dates, a clock that goes back by more than half a day has passed midnight.
 
-        >>> clock = Clock()
+        >>> clock = ClockTimeParser()
         >>> clock("23:59:59.5"), clock("00:00:01")
         ('86399.5', '86401.0')
 
@@ -82,11 +82,11 @@ class Clock:
         return repr(_DAY * (day - self._first + self._days) + seconds)
 
 
-def surety(word: str) -> str:
+def parse_tracking_state(word: str) -> str:
     """Return the confidence that a tracker's word for a joint stands for, as a number in words.
 
-    >>> surety("NOT_TRACKED"), surety("Inferred"), surety("0.7")
-    ('0', '1', '0.7')
+    >>> [parse_tracking_state(word) for word in ("NOT_TRACKED", "Inferred", "0.7")]
+    ['0', '1', '0.7']
     """
     if is_number(word):
         return word
@@ -138,18 +138,18 @@ class ConfidenceFilter:
         # Half precision is enough for a scale, and a scale beyond a hundred has no threshold.
         self._values.add(np.clip(values, -1, 2 * _HUNDRED).astype(np.float16), share)
 
-    def blank(self, positions: np.ndarray) -> list[str]:
-        """Set unsure positions (n, m, 3) to NaN, in place, and return sentences with the counts."""
+    def mask_low_confidence(self, positions: np.ndarray) -> list[str]:
+        """Set positions (n, m, 3) of a low confidence to NaN, in place; return their counts."""
         if not self._values:
             return []
-        values = self._values.whole
+        values = self._values.view[: len(positions)]
         lost = dict.fromkeys(self._most, 0)
         for i, each in enumerate(self._columns):
             least = self._threshold(each.head)
-            sure = values[:, i] >= least if least else values[:, i] > 0
+            seen = values[:, i] >= least if least else values[:, i] > 0
             places = positions[:, each.point]
-            lost[each.head] += int((~sure & np.isfinite(places).any(axis=1)).sum())
-            places[~sure] = np.nan
+            lost[each.head] += int((~seen & np.isfinite(places).any(axis=1)).sum())
+            places[~seen] = np.nan
         total = positions.shape[0] * positions.shape[1]
         return [
             f"{count} of {total} places are taken as not seen: their {head} is"
@@ -174,11 +174,6 @@ _CROWD: Final = 20
 """Largest number of people that are read; more are tracking errors."""
 _COUNTED: Final = 1000
 """Number of different values, one per row, from which a column is taken as a count of the rows."""
-
-
-def is_whose(squashed_head: str) -> bool:
-    """Return whether a column states the person, by its head without separators of words."""
-    return squashed_head in _PEOPLE
 
 
 class People:
@@ -263,7 +258,7 @@ def side_by_side(
                 f"{name}: time runs backwards from {before:.10g} to {after:.10g}, allowed times"
                 " that increase"
             )
-        taken, said = once(name, keys[own], [positions[own]], remedy)
+        taken, said = drop_duplicate_times(name, keys[own], [positions[own]], remedy)
         own = own[taken]
         out[np.searchsorted(stamps, keys[own]), at * count : (at + 1) * count] = positions[own]
         notes += [f"Of {short(labels[person])}: {each}" for each in said]
@@ -290,7 +285,7 @@ _OTHER: Final = re.compile(
     re.IGNORECASE,
 )
 """Known heads of a joint's columns that are neither positions nor confidences."""
-_SURE: Final = re.compile(
+_CONFIDENCE: Final = re.compile(
     r"(?P<name>.*?)[\s._:/-]*(?P<head>confidence(?:[\s_]?level)?|visibility|likelihood|score|"
     r"quality|(?:joint)?tracking[\s_]?state|(?:(?<=[\s._:/-])|\A)(?:conf|state|tracked|valid|"
     r"visible|probability|prob|p|c))\s*(?:[\[(].*[\])])?",
@@ -300,15 +295,15 @@ _NANO: Final = re.compile(r"(?P<stem>(?:.*[\s._:/-])?)(?:nano_?sec(?:ond)?s?|nse
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 
 
-@dataclass(frozen=True)
-class Layout:
+@dataclass
+class ColumnLayout:
     """Meaning of the columns of a table.
 
     Attributes:
         points: name -> the columns of x, y and z.
         width: number of columns.
-        heads: names of the columns in messages.
-        sure: the confidence columns.
+        names: names of the columns in messages.
+        confidence: the confidence columns.
         time: the column of the times, or None.
         fine: the column of nanoseconds that are added to the times, or None.
         tick: unit of the times [s], or None.
@@ -320,8 +315,8 @@ class Layout:
 
     points: dict[str, tuple[int, int, int]]
     width: int
-    heads: Sequence[str] = ()
-    sure: Sequence[ConfidenceColumn] = ()
+    names: Sequence[str] = ()
+    confidence: Sequence[ConfidenceColumn] = ()
     time: int | None = None
     fine: int | None = None
     tick: float | None = None
@@ -330,103 +325,80 @@ class Layout:
     unit: float | None = None
     unread: Sequence[int] = ()
 
-    def head(self, column: int) -> str:
+    def name_of(self, column: int) -> str:
         """Return the name of a column for messages."""
-        named = self.heads[column] if column < len(self.heads) else ""
+        named = self.names[column] if column < len(self.names) else ""
         return named or f"number {column + 1}"
 
 
-@dataclass
-class _Found:
-    """Meaning of the words in the row of names, by column."""
-
-    axes: dict[str, dict[str, int]] = field(default_factory=dict)
-    twice: dict[str, str] = field(default_factory=dict)
-    sure: list[tuple[str, str, int]] = field(default_factory=list)
-    others: list[int] = field(default_factory=list)
-    time: int | None = None
-    frame: int | None = None
-    whose: int | None = None
-    unit: float | None = None
-    tick: float | None = None
-
-    def add(self, column: int, word: str) -> None:
-        """Add a column with its word."""
-        is_time, tick = time_head(word)
-        bare = squashed(word)
-        if is_time:
-            if self.time is None:
-                self.time, self.tick = column, tick or self.tick
-        elif is_whose(bare):
-            self.whose = column if self.whose is None else self.whose
-        elif bare in _FRAMES:
-            self.frame = column if self.frame is None else self.frame
-        elif sure := _SURE.fullmatch(word.lower()):
-            self.sure.append((sure["name"], sure["head"], column))
-        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
-            axes = self.axes.setdefault(name, {})
-            if match["axis"].lower() in axes:
-                self.twice.setdefault(name, word)
-            axes[match["axis"].lower()] = column
-            self.unit = _METRES.get((match["unit"] or "").lower(), self.unit)
-        else:
-            self.others.append(column)
-
-
-def layout_of(lines: TextLines, head: list[list[str]], width: int) -> Layout:
+def layout_from_header(lines: TextLines, header: list[list[str]], width: int) -> ColumnLayout:
     """Return the layout that the rows above the numbers state.
 
     Args:
         lines: the file, for messages.
-        head: the rows, in words.
+        header: the rows, in words.
         width: number of words in the first row of numbers.
 
     Raises:
         RecordingError: if they name no points.
     """
-    head, unit, tick = _without_units(head)
-    row = _named(head)
-    found = _Found(unit=unit, tick=tick)
+    header, unit, tick = _without_units(header)
+    row = _named(header)
+    layout = ColumnLayout({}, max(width, len(row)), row, unit=unit, tick=tick)
+    axes: dict[str, dict[str, int]] = {}
+    twice: dict[str, str] = {}
+    confidences: list[tuple[str, str, int]] = []
+    others: list[int] = []
     for column, word in enumerate(row):
-        if len(word) <= _LONGEST:
-            found.add(column, word)
-    points = {
-        name: (axes["x"], axes["y"], axes["z"])
-        for name, axes in found.axes.items()
-        if len(axes) == 3
+        if len(word) > _LONGEST:
+            continue
+        is_time, tick = time_head(word)
+        bare = squashed(word)
+        if is_time:
+            if layout.time is None:
+                layout.time, layout.tick = column, tick or layout.tick
+        elif bare in _PEOPLE:
+            layout.whose = column if layout.whose is None else layout.whose
+        elif bare in _FRAMES:
+            layout.frame = column if layout.frame is None else layout.frame
+        elif match := _CONFIDENCE.fullmatch(word.lower()):
+            confidences.append((match["name"], match["head"], column))
+        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
+            found = axes.setdefault(name, {})
+            if match["axis"].lower() in found:
+                twice.setdefault(name, word)
+            found[match["axis"].lower()] = column
+            layout.unit = _METRES.get((match["unit"] or "").lower(), layout.unit)
+        else:
+            others.append(column)
+    layout.points = {
+        name: (found["x"], found["y"], found["z"])
+        for name, found in axes.items()
+        if len(found) == 3
     }
-    if not points:
+    if not layout.points:
         lines.fail(
             f"got the columns {some([short(word) for word in row if word], 6)}, allowed three"
             " columns for each joint, such as neck.x, neck.y, neck.z"
         )
-    if again := [word for name, word in found.twice.items() if name in points]:
+    if again := [word for name, word in twice.items() if name in layout.points]:
         lines.fail(f"got the column {short(again[0])} twice, allowed each once")
     alike: dict[str, list[int]] = {}
-    for i, name in enumerate(points):
+    for i, name in enumerate(layout.points):
         alike.setdefault(name.lower(), []).append(i)
-    sure = [
+    layout.confidence = [
         ConfidenceColumn(column, i, head)
-        for stem, head, column in found.sure
-        for i in alike.get(stem, ())
+        for name, head, column in confidences
+        for i in alike.get(name, ())
     ]
-    time, fine = _with_nanoseconds(row, found.time)
-    return Layout(
-        points,
-        max(width, len(row)),
-        row,
-        sure,
-        time,
-        fine,
-        found.tick if fine is None else 1.0,
-        found.frame,
-        found.whose,
-        found.unit,
-        _unread(row, points, found.others),
-    )
+    layout.time, layout.fine = _with_nanoseconds(row, layout.time)
+    if layout.fine is not None:
+        layout.tick = 1.0
+    layout.unread = _unread(row, alike, others)
+    return layout
 
 
-def layout_asked(lines: TextLines, first: list[str], asked: TableOptions) -> Layout:
+def layout_without_header(lines: TextLines, first: list[str], asked: TableOptions) -> ColumnLayout:
     """Return the layout of a table without names.
 
     Args:
@@ -455,49 +427,43 @@ def layout_asked(lines: TextLines, first: list[str], asked: TableOptions) -> Lay
             line,
         )
     points = {name: (3 * i, 3 * i + 1, 3 * i + 2) for i, name in enumerate(asked.columns)}
-    return Layout(points, width)
+    return ColumnLayout(points, width)
 
 
 def _without_units(
-    head: list[list[str]],
+    header: list[list[str]],
 ) -> tuple[list[list[str]], float | None, float | None]:
     """Return the rows without a last row of units, and its units of length [m] and time [s]."""
-    units = [word.strip("[]()").lower() for word in head[-1] if word]
+    units = [word.strip("[]()").lower() for word in header[-1] if word]
     lengths = [_METRES[word] for word in units if word in _METRES]
     ticks = [tick_of(word) for word in units if word not in _METRES]
-    if len(head) > 1 and lengths and None not in ticks:
-        return head[:-1], lengths[-1], ticks[0] if ticks else None
-    return head, None, None
+    if len(header) > 1 and lengths and None not in ticks:
+        return header[:-1], lengths[-1], ticks[0] if ticks else None
+    return header, None, None
 
 
-def _named(head: list[list[str]]) -> list[str]:
+def _named(header: list[list[str]]) -> list[str]:
     """Return the names of the columns; the joints' names may be in a row above the axes."""
-    row = head[-1]
+    row = header[-1]
     axes = [_AXIS.fullmatch(word) for word in row]
-    if len(head) < 2 or sum(map(bool, axes)) < 3:
+    if len(header) < 2 or sum(map(bool, axes)) < 3:
         return row
-    above = [*head[-2], *[""] * len(row)][: len(row)]
-    return [
-        f"{name}.{axis['axis'] if axis else word}"
-        if axis or _SURE.fullmatch(word.lower())
-        else f"{over} ({word})"
-        if tick_of(word) and time_head(over)[0]
-        else word or over
-        for name, over, word, axis in zip(_spread(above), above, row, axes, strict=True)
-    ]
+    above = [*header[-2], *[""] * len(row)][: len(row)]
+    names, name = [], ""
+    for over, word, axis in zip(above, row, axes, strict=True):
+        # A blank above the coordinates repeats the last name.
+        name = over.removeprefix("Name:") if over else name
+        if axis or _CONFIDENCE.fullmatch(word.lower()):
+            names.append(f"{name}.{axis['axis'] if axis else word}")
+        elif tick_of(word) and time_head(over)[0]:
+            names.append(f"{over} ({word})")
+        else:
+            names.append(word or over)
+    return names
 
 
 def _is_place(name: str) -> bool:
     return bool(name) and not _NO_PLACE.fullmatch(name)
-
-
-def _spread(names: list[str]) -> list[str]:
-    """Return the names above the coordinates, one per column; a blank repeats the last name."""
-    found, last = [], ""
-    for name in names:
-        last = name or last
-        found.append(last.removeprefix("Name:"))
-    return found
 
 
 def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int | None]:
@@ -512,9 +478,8 @@ def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int
     return time, None
 
 
-def _unread(row: list[str], points: Iterable[str], others: list[int]) -> list[int]:
-    """Return the columns that belong to a point by their heads, but have no known meaning."""
-    known = {name.lower() for name in points}
+def _unread(row: list[str], known: Collection[str], others: list[int]) -> list[int]:
+    """Return the columns that belong to a known point by their heads, but have no known meaning."""
     found = []
     for column in others:
         word = row[column].lower()

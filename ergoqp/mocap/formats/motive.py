@@ -18,21 +18,19 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    GrowableArray,
     TableOptions,
     TextLines,
-    binary,
-    blocks,
     cells,
     count_of,
     is_number,
+    points_of,
     poses_of,
-    repeated,
-    seconds,
+    read_rows,
     short,
+    text_lines,
     unit_turns,
 )
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, with_times
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
 _AXES: Final = {"Position": "XYZ", "Rotation": "XYZW"}
@@ -84,8 +82,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
     Raises:
         RecordingError: if it is not such a take, or nothing is tracked in it.
     """
-    with binary(path) as file:
-        lines = TextLines(path, file, path.stat().st_size, progress)
+    with text_lines(path, progress) as lines:
         stated = _stated(lines)
         things, width = _things(lines)
         bones = {t.name: t for t in things if t.kind == "Bone"}
@@ -108,39 +105,33 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         oriented = [thing for thing in taken if thing.of("Rotation")]
         columns = [c for thing in taken for c in thing.of("Position") or ()]
         turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
-        numbered, places, turns = GrowableArray(), GrowableArray(), GrowableArray()
-        for values in blocks(lines, ",", width):
-            share, count = lines.share, len(values)
-            numbered.add(values[:, :2], share)
-            places.add(values[:, columns].astype(np.float32).reshape(count, -1, 3), share)
-            quaternions = unit_turns(values[:, turning].reshape(count, -1, 4))
-            turns.add(quaternions.astype(np.float32), share)
-    if not numbered:
-        raise RecordingError(f"{path.name}: got no frame, allowed a take with movement in it")
-    notes = _counted(path, stated, len(places))
-    positions, quaternions = places.whole, turns.whole
-    stamps = _times(numbered.whole, stated)
-    time, kept, said = seconds(path.name, stamps, 1.0, [positions, quaternions])
-    if not kept.all():
-        positions, quaternions = positions[kept], quaternions[kept]
+        numbered, positions, quaternions = read_rows(
+            lines,
+            ",",
+            width,
+            lambda rows: (
+                rows[:, :2],
+                points_of(rows[:, columns]),
+                unit_turns(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
+            ),
+        )
     units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}
     objects = {
         thing.name: poses_of(positions[:, i], units[id(thing)])
         for i, thing in enumerate(taken)
         if thing.kind == "Rigid Body" and id(thing) in units
     }
-    positions = positions[:, : len(points)]
-    return JointMotion(
+    motion = JointMotion(
         tuple(points),
-        positions,
-        time,
-        None,
-        (*said, *notes, *repeated(positions)),
+        positions[:, : len(points)],
+        _times(numbered, stated),
+        notes=_counted(path, stated, len(positions)),
         turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},
         objects=objects,
         markers=not bones and any(t.kind != "Rigid Body" for t in points.values()),
         unit=_UNITS.get(stated.get("Length Units", "").lower()),
     )
+    return with_times(path.name, motion, shown=[positions, quaternions])
 
 
 def _stated(lines: TextLines) -> Mapping[str, str]:
@@ -207,12 +198,12 @@ def _times(numbered: np.ndarray, stated: Mapping[str, str]) -> np.ndarray:
     return stamps
 
 
-def _counted(path: Path, stated: Mapping[str, str], found: int) -> list[str]:
+def _counted(path: Path, stated: Mapping[str, str], found: int) -> tuple[str, ...]:
     total = count_of(stated.get("Total Exported Frames", ""))
     if total is None or total == found:
-        return []
+        return ()
     if total > found:
         raise RecordingError(
             f"{path.name}: got {found} frames, allowed {total} as stated; the recording is cut"
         )
-    return [f"The file states {total} frames and has {found}: all are read."]
+    return (f"The file states {total} frames and has {found}: all are read.",)

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 from xml.etree import ElementTree
@@ -26,69 +27,51 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     binary,
     count_of,
-    repeated,
-    seconds,
+    is_number,
     short,
     unit_turns,
 )
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, with_times
 
 _AXES: Final = ("abduction", "rotation", "flexion")
 """Names of the three angles of a joint, in Xsens' order of the axes z, x, y."""
 _BLOCK: Final = 4000
 
 
-@dataclass(eq=False)
 class Wearer:
-    """The data of one subject of the file.
+    """The data of one subject of the file."""
 
-    Attributes:
-        path: the file.
-        label: the subject's name.
-        rate: frames per second [Hz].
-        segments: names of the segments.
-        joints: names of the joints.
-        indices: indices of the frames so far.
-        posed: number of frames that were calibration poses.
-        gathered: positions, quaternions and joint angles of the frames.
-    """
+    def __init__(self, path: Path, label: str, rate: str) -> None:
+        """Begin without data.
 
-    path: Path
-    label: str
-    rate: float
-    segments: list[str] = field(default_factory=list)
-    joints: list[str] = field(default_factory=list)
-    indices: list[int] = field(default_factory=list)
-    posed: int = 0
-    gathered: tuple[GrowableArray, GrowableArray, GrowableArray] = field(
-        default_factory=lambda: (GrowableArray(), GrowableArray(), GrowableArray())
-    )
-    _block: list[list[float]] = field(default_factory=list)
-    _width: int = 0
-
-    @classmethod
-    def begun(cls, path: Path, label: str | None, rate: str | None) -> Wearer:
-        """Return a subject without data.
+        Args:
+            path: the file.
+            label: the subject's name.
+            rate: frames per second in words [Hz].
 
         Raises:
             RecordingError: if the rate is invalid.
         """
-        try:
-            stated = float(rate or "")
-        except ValueError:
-            stated = 0.0
-        if not 1.0 <= stated <= 10_000.0:
+        self.path, self.label = path, label
+        self.rate = float(rate) if is_number(rate) and "," not in rate else 0.0
+        if not 1.0 <= self.rate <= 10_000.0:
             raise RecordingError(
-                f"{path.name}: frameRate: got {short(rate or '')}, allowed frames per second from"
-                " 1 to 10000"
+                f"{path.name}: frameRate: got {short(rate)}, allowed frames per second from 1 to"
+                " 10000"
             )
-        return cls(path, label or "", stated)
+        self.segments: list[str] = []
+        self.joints: list[str] = []
+        self._indices: list[int] = []
+        self._poses = 0  # calibration poses
+        self._block: list[list[float]] = []
+        # Positions, quaternions and joint angles.
+        self._arrays = [GrowableArray(), GrowableArray(), GrowableArray()]
 
     def append(self, what: str, label: str) -> None:
         """Add the label of a segment or joint; raise if it comes after a frame, or again."""
         labels = self.segments if what == "segment" else self.joints
-        if not label or label in labels or self.indices:
-            problem = "after a frame" if self.indices else "twice" if label else "without a name"
+        if not label or label in labels or self._indices:
+            problem = "after a frame" if self._indices else "twice" if label else "without a name"
             raise RecordingError(
                 f"{self.path.name}: got the {what} {short(label)} {problem}, allowed each once and"
                 " before the frames"
@@ -105,7 +88,7 @@ class Wearer:
             share: share of the file that is read.
         """
         if kind != "normal":
-            self.posed += 1
+            self._poses += 1
             return False
         if not self.segments:
             raise lacking(self.path)
@@ -115,43 +98,43 @@ class Wearer:
                 f"{self.path.name}: got a frame with the index {short(index)}, allowed a whole"
                 " number"
             )
-        self.indices.append(number)
-        self._width = self._width or len(row)
-        if len(row) != self._width:
+        if self._indices and len(row) != self._width:
             raise RecordingError(
                 f"{self.path.name}: got joint angles (jointAngle) in some of the frames, allowed"
                 " in all or none"
             )
+        self._width = len(row)
+        self._indices.append(number)
         self._block.append(row)
         if len(self._block) == _BLOCK:
             self._take(share)
         return not self._block
 
-    def motion(self) -> tuple[JointMotion, np.ndarray]:
-        """Return the whole motion, without times, and the frames' indices.
+    def motion(self, prefix: str) -> JointMotion:
+        """Return the whole motion, with a prefix for all names.
 
         Raises:
             RecordingError: if there is no frame.
         """
         if not self.segments:
             raise lacking(self.path)
-        if not self.indices:
+        if not self._indices:
             raise RecordingError(
                 f"{self.path.name}: got no frame of movement, allowed normal frames"
             )
         if self._block:
             self._take(1.0)
-        positions, quaternions, bent = (each.whole for each in self.gathered)
-        note = f"{self.posed} calibration poses (N-pose, T-pose) of the file are left out."
-        motion = JointMotion(
-            tuple(self.segments),
+        positions, quaternions, bent = (each.view for each in self._arrays)
+        names = tuple(prefix + name for name in self.segments)
+        note = f"{self._poses} calibration poses (N-pose, T-pose) of the file are left out."
+        return JointMotion(
+            names,
             positions,
-            np.zeros(len(positions)),
-            None,
-            (note,) if self.posed else (),
-            turns={name: quaternions[:, i] for i, name in enumerate(self.segments)},
+            np.array(self._indices) / self.rate,
+            notes=(f"{prefix} {note}".lstrip(),) if self._poses else (),
+            turns={name: quaternions[:, i] for i, name in enumerate(names)},
             angles={
-                f"{joint} {axis}": bent[:, 3 * i + j]
+                f"{prefix}{joint} {axis}": bent[:, 3 * i + j]
                 for i, joint in enumerate(self.joints)
                 for j, axis in enumerate(_AXES)
                 if bent.shape[1]
@@ -159,7 +142,6 @@ class Wearer:
             unit=1.0,
             up="z",
         )
-        return motion, np.array(self.indices)
 
     def _row(self, index: str, found: dict[str, str]) -> list[float]:
         """Return positions, quaternions and joint angles of a frame."""
@@ -194,8 +176,8 @@ class Wearer:
         places, turns, angles = np.split(values, [3 * count, 7 * count], axis=1)
         unit = unit_turns(turns.reshape(len(values), -1, 4)[:, :, [1, 2, 3, 0]])
         parts = (places.reshape(len(values), -1, 3), unit, np.radians(angles))
-        for each, part in zip(self.gathered, parts, strict=True):
-            each.add(part.astype(np.float32), share)
+        for array, part in zip(self._arrays, parts, strict=True):
+            array.add(part.astype(np.float32), share)
 
 
 def _is_read(word: str) -> bool:
@@ -211,8 +193,8 @@ def lacking(path: Path) -> RecordingError:
     return RecordingError(f"{path.name}: got no segments, allowed an MVNX file with a subject")
 
 
-def together(path: Path, people: list[Wearer]) -> tuple[JointMotion, np.ndarray]:
-    """Return everybody's motion, without times, and the times of its frames [s].
+def together(path: Path, people: list[Wearer]) -> JointMotion:
+    """Return everybody's motion.
 
     With several people, the names get the person as a prefix. A person without a frame at a time at
     which another one has a frame is not seen then.
@@ -222,11 +204,9 @@ def together(path: Path, people: list[Wearer]) -> tuple[JointMotion, np.ndarray]
     """
     if not people:
         raise lacking(path)
-    motions = [each.motion() for each in people]
-    rate = people[0].rate
     if len(people) == 1:
-        motion, indices = motions[0]
-        return motion, indices / rate
+        return people[0].motion("")
+    motions = [each.motion(f"{each.label}:") for each in people]
     labels = Counter(each.label for each in people)
     if len(labels) < len(people) or "" in labels:
         named = ", ".join(short(each.label) for each in people)
@@ -239,37 +219,33 @@ def together(path: Path, people: list[Wearer]) -> tuple[JointMotion, np.ndarray]
         raise RecordingError(
             f"{path.name}: got people with {rates} frames per second, allowed the same for all"
         )
-    whole = np.unique(np.concatenate([indices for _, indices in motions]))
-    names: list[str] = []
-    positions, turns, angles, notes = [], {}, {}, []
-    for each, (motion, indices) in zip(people, motions, strict=True):
-        _, first = np.unique(indices, return_index=True)
-        at = np.searchsorted(whole, indices[first])
+    time = np.unique(np.concatenate([motion.time for motion in motions]))
+    return reduce(_beside, (_at_times(motion, time) for motion in motions))
 
-        def spread(
-            values: np.ndarray, at: np.ndarray = at, first: np.ndarray = first
-        ) -> np.ndarray:
-            found = np.full((len(whole), *values.shape[1:]), np.nan, dtype=values.dtype)
-            found[at] = values[first]
-            return found
 
-        names += [f"{each.label}:{name}" for name in motion.names]
-        positions.append(spread(motion.positions))
-        turns |= {f"{each.label}:{name}": spread(turn) for name, turn in motion.turns.items()}
-        angles |= {f"{each.label}:{name}": spread(bent) for name, bent in motion.angles.items()}
-        notes += [f"{each.label}: {note}" for note in motion.notes]
-    motion = JointMotion(
-        tuple(names),
-        np.concatenate(positions, axis=1),
-        np.zeros(len(whole)),
-        None,
-        tuple(notes),
-        turns=turns,
-        angles=angles,
-        unit=1.0,
-        up="z",
+def _at_times(motion: JointMotion, time: np.ndarray) -> JointMotion:
+    """Return a motion at other times (n,), NaN where it has no frame."""
+    own, first = np.unique(motion.time, return_index=True)
+    at = np.searchsorted(time, own)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        found = np.full((len(time), *values.shape[1:]), np.nan, dtype=values.dtype)
+        found[at] = values[first]
+        return found
+
+    return replace(motion.mapped(spread), time=time)
+
+
+def _beside(one: JointMotion, other: JointMotion) -> JointMotion:
+    """Return two motions of the same times as one."""
+    return replace(
+        one,
+        names=one.names + other.names,
+        positions=np.concatenate([one.positions, other.positions], axis=1),
+        notes=(*one.notes, *other.notes),
+        turns={**one.turns, **other.turns},
+        angles={**one.angles, **other.angles},
     )
-    return motion, whole / rate
 
 
 _PROLOG: Final = 1 << 20
@@ -302,7 +278,9 @@ def read_mvnx(path: Path, progress: Progress, asked: TableOptions) -> JointMotio
         for parent, element, begins in _elements(path, file):
             tag = _tag(element)
             if begins and tag == "subject":
-                people.append(Wearer.begun(path, element.get("label"), element.get("frameRate")))
+                people.append(
+                    Wearer(path, element.get("label") or "", element.get("frameRate") or "")
+                )
             # The segments of hands have the same tag, but another parent.
             elif begins and (tag, parent) in {("segment", "segments"), ("joint", "joints")}:
                 _last(path, people).append(tag, element.get("label") or "")
@@ -312,10 +290,7 @@ def read_mvnx(path: Path, progress: Progress, asked: TableOptions) -> JointMotio
                 share = min(file.tell() / size, 1.0)
                 if _last(path, people).add(kind, str(element.get("index")), found, share):
                     progress(share)
-    motion, stamps = together(path, people)
-    time, kept, notes = seconds(path.name, stamps, 1.0, [motion.positions])
-    motion = replace(motion if kept.all() else motion.at(kept), time=time)
-    return replace(motion, notes=(*notes, *motion.notes, *repeated(motion.positions)))
+    return with_times(path.name, together(path, people))
 
 
 def _last(path: Path, people: list[Wearer]) -> Wearer:

@@ -11,25 +11,20 @@ from collections import Counter
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from ergoqp.arguments import Progress
-from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    GrowableArray,
     TableOptions,
     TextLines,
-    binary,
-    blocks,
     cells,
     is_number,
-    repeated,
-    seconds,
+    points_of,
+    read_rows,
     separator_of,
     short,
+    text_lines,
 )
 from ergoqp.mocap.naming import nameless
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, with_times
 
 SECTIONS: Final = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Events")
 """Names of sections; a file begins with one."""
@@ -54,8 +49,7 @@ def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     Raises:
         RecordingError: if it is not such a file, or has no trajectories.
     """
-    with binary(path) as file:
-        lines = TextLines(path, file, path.stat().st_size, progress)
+    with text_lines(path, progress) as lines:
         while section_of(row := lines.next("the section Trajectories")) != "Trajectories":
             pass
         stated = (row := lines.next("the frames per second")).strip(' \t,;"').replace(",", ".")
@@ -71,27 +65,18 @@ def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
         if len(units) != 1 or not units <= set(_UNITS):
             lines.fail(f"got the units {short(', '.join(sorted(units)))}, allowed mm, cm or m")
         columns = [first + i for first in points.values() for i in range(3)]
-        frames, places = GrowableArray(), GrowableArray()
-        for values in blocks(lines, separator, len(axes)):
-            frames.add(values[:, 0], lines.share)
-            block = values[:, columns].astype(np.float32).reshape(len(values), -1, 3)
-            places.add(block, lines.share)
-    if not frames:
-        raise RecordingError(f"{path.name}: got no frame of trajectories, allowed rows of numbers")
-    positions = places.whole
-    time, kept, notes = seconds(path.name, frames.whole / float(stated), 1.0, [positions])
-    positions = positions if kept.all() else positions[kept]
-    if lost:
-        notes.append(f"{lost} trajectories have no label and are left out.")
-    return JointMotion(
+        frames, positions = read_rows(
+            lines, separator, len(axes), lambda rows: (rows[:, 0], points_of(rows[:, columns]))
+        )
+    motion = JointMotion(
         tuple(points),
         positions,
-        time,
-        None,
-        (*notes, *repeated(positions)),
+        frames / float(stated),
+        notes=(f"{lost} trajectories have no label and are left out.",) if lost else (),
         markers=True,
         unit=_UNITS[units.pop()],
     )
+    return with_times(path.name, motion)
 
 
 def _points(lines: TextLines, names: list[str], axes: list[str]) -> tuple[dict[str, int], int]:

@@ -35,17 +35,15 @@ from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.mocap.formats.opensim_models import MODELS, OpenSimModel, Step
 from ergoqp.mocap.formats.text import (
-    GrowableArray,
     TableOptions,
-    TextLines,
-    binary,
-    blocks,
     cells,
     count_of,
-    seconds,
+    read_rows,
     separator_of,
     short,
     some,
+    text_lines,
+    to_seconds,
 )
 from ergoqp.mocap.naming import CENTRES, parted
 from ergoqp.mocap.recording import JointMotion
@@ -72,8 +70,7 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
     Raises:
         RecordingError: if it is not such a file, or a number is missing.
     """
-    with binary(path) as file:
-        lines = TextLines(path, file, path.stat().st_size, progress)
+    with text_lines(path, progress) as lines:
         stated: dict[str, str] = {}
         while (row := lines.next("the line endheader").strip(_SPACE)).lower() != "endheader":
             key, mark, value = row.partition("=")
@@ -97,13 +94,8 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
             lines.fail(f"got no name for column {names.index('') + 1}, allowed a name for each")
         if len(set(names)) < len(names):
             lines.fail("got a column twice, allowed each once")
-        rows = GrowableArray()
-        for block in blocks(lines, separator, len(names)):
-            rows.add(block, lines.share)
-    if not rows:
-        raise RecordingError(f"{path.name}: got no row below the names, allowed rows of numbers")
-    values = rows.whole
-    time, kept, notes = seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
+        (values,) = read_rows(lines, separator, len(names), lambda rows: (rows,))
+    time, kept, notes = to_seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
         notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")
     degrees = stated.get("indegrees", "no") in {"yes", "true", "1"}
@@ -120,16 +112,8 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
         raise RecordingError(
             f"{path.name}: column {short(lost[0])} has blanks, allowed a number for each frame"
         )
-    return JointMotion(
-        (),
-        np.empty((len(time), 0, 3)),
-        time,
-        None,
-        tuple(notes),
-        angles=angles,
-        unit=1.0,
-        up="y",
-    )
+    nowhere = np.empty((len(time), 0, 3))
+    return JointMotion((), nowhere, time, notes=tuple(notes), angles=angles, unit=1.0, up="y")
 
 
 def is_length(name: str) -> bool:

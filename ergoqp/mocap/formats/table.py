@@ -18,36 +18,35 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.columns import (
-    Clock,
+    ClockTimeParser,
+    ColumnLayout,
     ConfidenceFilter,
-    Layout,
     People,
-    layout_asked,
-    layout_of,
+    layout_from_header,
+    layout_without_header,
+    parse_tracking_state,
     side_by_side,
-    surety,
 )
 from ergoqp.mocap.formats.text import (
     EMPTY,
     ColumnSelection,
-    GrowableArray,
     TableOptions,
     TextLines,
-    binary,
-    blocks,
     cells,
+    count_repeated_frames,
     is_nothing,
     is_number,
-    repeated,
-    seconds,
+    points_of,
+    read_rows,
     separator_of,
     short,
     some,
-    steady,
+    text_lines,
+    uniform_times,
 )
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, with_times
 
-_HEAD: Final = 20
+_HEADER_LINES: Final = 20
 """Largest number of lines above the numbers that are not empty; Qualisys writes twelve."""
 _BLANK: Final = 1000
 """Largest number of empty lines above the numbers."""
@@ -69,15 +68,14 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     Raises:
         RecordingError: if it is not such a table, with the line.
     """
-    with binary(path) as file:
-        lines = TextLines(path, file, path.stat().st_size, progress)
-        head, first, line = _head(lines)
-        separator = separator_of(first, *reversed(head))
+    with text_lines(path, progress) as lines:
+        header, first, line = _read_header(lines)
+        separator = separator_of(first, *reversed(header))
         words = cells(first, separator)
         layout = (
-            layout_of(lines, [cells(row, separator) for row in head], len(words))
-            if head
-            else layout_asked(lines, words, asked)
+            layout_from_header(lines, [cells(row, separator) for row in header], len(words))
+            if header
+            else layout_without_header(lines, words, asked)
         )
         if layout.time is None and asked.rate is None:
             raise RecordingError(
@@ -86,24 +84,29 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
             )
         table = _Table(path.name, layout, asked.rate)
         chosen = table.chosen(lines, words, line)
-        for values in blocks(lines, separator, layout.width, layout.time is None, chosen):
-            table.add(values, lines.share)
-    notes = [*table.unread(words)]
-    if head and asked.columns:
+        arrays = read_rows(
+            lines,
+            separator,
+            layout.width,
+            lambda rows: table.split(rows, lines.share),
+            layout.time is None,
+            chosen,
+        )
+    notes = table.unread(words)
+    if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
-    return table.motion(notes)
+    return table.motion(*arrays, notes)
 
 
 class _Table:
     """The numbers of a table, as they are read."""
 
-    def __init__(self, where: str, layout: Layout, rate: float | None) -> None:
+    def __init__(self, where: str, layout: ColumnLayout, rate: float | None) -> None:
         self._where = where
         self._layout = layout
         self._rate = rate
         self._people = People()
-        self._doubts = ConfidenceFilter(layout.sure)
-        self._places, self._keys, self._whose = GrowableArray(), GrowableArray(), GrowableArray()
+        self._confidence = ConfidenceFilter(layout.confidence)
         self._points = [c for columns in layout.points.values() for c in columns]
         several = layout.whose is not None
         # Frame numbers identify the frames of several people, however coarse the times are.
@@ -132,18 +135,22 @@ class _Table:
         texts = {i for i, word in enumerate(words) if not is_nothing(word) and not is_number(word)}
         if wrong := [column for column in self._points if column in texts]:
             lines.fail(
-                f"got {short(words[wrong[0]])} in the column {short(layout.head(wrong[0]))},"
+                f"got {short(words[wrong[0]])} in the column {short(layout.name_of(wrong[0]))},"
                 " allowed a number",
                 line,
             )
-        sure = [each.column for each in layout.sure]
+        confidence = [each.column for each in layout.confidence]
         others = [c for c in (self._key, self._fine, layout.whose) if c is not None]
-        columns = [*self._points, *sure, *others]
+        columns = [*self._points, *confidence, *others]
         told: dict[int, Callable[[str], str]] = {
-            i: surety for i, column in enumerate(columns) if column in sure and column in texts
+            i: parse_tracking_state
+            for i, column in enumerate(columns)
+            if column in confidence and column in texts
         }
         if self._key is not None and self._key in texts:
-            told[columns.index(self._key, len(self._points))] = Clock(layout.head(self._key))
+            told[columns.index(self._key, len(self._points))] = ClockTimeParser(
+                layout.name_of(self._key)
+            )
         if layout.whose is not None:
             told[len(columns) - 1] = self._people
         return ColumnSelection(columns, told)
@@ -151,7 +158,7 @@ class _Table:
     def unread(self, words: list[str]) -> list[str]:
         """Return a sentence with the columns that are not read although a user may expect it."""
         layout = self._layout
-        used = {*self._points, *(each.column for each in layout.sure)}
+        used = {*self._points, *(each.column for each in layout.confidence)}
         used |= {layout.time, layout.fine, layout.frame, layout.whose}
         texts = [
             i
@@ -161,32 +168,41 @@ class _Table:
         if not (columns := sorted({*layout.unread, *texts})):
             return []
         if len(columns) == 1:
-            return [f"The column {layout.head(columns[0])} is not read."]
-        return [f"The columns {some([layout.head(each) for each in columns], 6)} are not read."]
+            return [f"The column {layout.name_of(columns[0])} is not read."]
+        return [f"The columns {some([layout.name_of(each) for each in columns], 6)} are not read."]
 
-    def add(self, values: np.ndarray, share: float) -> None:
-        """Add rows of the chosen columns."""
-        points, sure = len(self._points), len(self._layout.sure)
-        block = values[:, :points].astype(np.float32).reshape(len(values), -1, 3)
-        self._places.add(block, share)
-        if sure:
-            self._doubts.add(values[:, points : points + sure], share)
-        if self._key is not None:
-            keys = values[:, points + sure]
-            if self._fine is not None:
-                keys = keys + 1e-9 * values[:, points + sure + 1]
-            self._keys.add(keys, share)
-        if self._layout.whose is not None:
-            self._whose.add(values[:, -1], share)
+    def split(self, rows: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return positions (n, m, 3), keys (n,) and people (n,) of rows of the chosen columns.
 
-    def motion(self, notes: list[str]) -> JointMotion:
-        """Return the motion that was read, with further sentences."""
-        layout, names, positions = self._layout, tuple(self._layout.points), self._places.whole
-        keys = self._keys.whole if self._key is not None else None
+        Args:
+            rows: the rows.
+            share: share of the file that is read up to them.
+        """
+        first = len(self._points) + len(self._layout.confidence)
+        if self._layout.confidence:
+            self._confidence.add(rows[:, len(self._points) : first], share)
+        keys = rows[:, first] if self._key is not None else np.zeros(len(rows))
+        if self._fine is not None:
+            keys = keys + 1e-9 * rows[:, first + 1]
+        return points_of(rows[:, : len(self._points)]), keys, rows[:, -1]
+
+    def motion(
+        self, positions: np.ndarray, stamps: np.ndarray, whose: np.ndarray, notes: list[str]
+    ) -> JointMotion:
+        """Return the motion that was read, with further sentences.
+
+        Args:
+            positions: positions of the points (n, m, 3).
+            stamps: times or numbers of the frames (n,), if there are any.
+            whose: numbers of the people (n,), if there are any.
+            notes: further sentences.
+        """
+        layout, names = self._layout, tuple(self._layout.points)
         if layout.time is None:
             last = _seen(positions)
-            positions, keys = positions[:last], keys if keys is None else keys[:last]
-        notes += self._doubts.blank(positions)
+            positions, stamps = positions[:last], stamps[:last]
+        keys = stamps if self._key is not None else None
+        notes += self._confidence.mask_low_confidence(positions)
         numbered = False
         if layout.whose is not None and self._people.are_several(keys):
             if keys is None:
@@ -199,7 +215,7 @@ class _Table:
                 self._where,
                 names,
                 positions,
-                self._whose.whole[: len(positions)],
+                whose[: len(positions)],
                 self._people,
                 keys,
                 _RATE if layout.frame is not None else "",
@@ -208,30 +224,23 @@ class _Table:
             numbered = self._numbered
         elif layout.whose is not None and (self._people.counts or len(self._people.labels) > 1):
             notes.append(
-                f"The column {layout.head(layout.whose)} has another value in each row and is not"
-                " used."
+                f"The column {layout.name_of(layout.whose)} has another value in each row and is"
+                " not used."
             )
-        if self._rate is not None:
-            time, said = steady(self._where, len(positions), self._rate)
-            if keys is not None and numbered:
-                time = (keys - keys[0]) / self._rate
-            if layout.time is not None:
-                said.append(
-                    f"The times of the column {layout.head(layout.time)} are not used: the frames"
-                    " per second are stated (rate)."
-                )
-        else:
+        if self._rate is None:
             assert keys is not None
-            time, kept, said = seconds(self._where, keys, layout.tick, [positions], _RATE)
-            positions = positions if kept.all() else positions[kept]
-        return JointMotion(
-            names,
-            positions,
-            time,
-            None,
-            (*said, *notes, *repeated(positions)),
-            unit=layout.unit,
-        )
+            motion = JointMotion(names, positions, keys, notes=tuple(notes), unit=layout.unit)
+            return with_times(self._where, motion, layout.tick, remedy=_RATE)
+        time, said = uniform_times(self._where, len(positions), self._rate)
+        if keys is not None and numbered:
+            time = (keys - keys[0]) / self._rate
+        if layout.time is not None:
+            said.append(
+                f"The times of the column {layout.name_of(layout.time)} are not used: the frames"
+                " per second are stated (rate)."
+            )
+        notes = [*said, *notes, *count_repeated_frames(positions)]
+        return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit)
 
 
 def _seen(positions: np.ndarray) -> int:
@@ -242,16 +251,16 @@ def _seen(positions: np.ndarray) -> int:
     return count
 
 
-def _head(lines: TextLines) -> tuple[list[str], str, int]:
+def _read_header(lines: TextLines) -> tuple[list[str], str, int]:
     """Return the rows above the numbers that are not empty, the first row of numbers and its line.
 
     The first row of numbers remains to be read, and so do empty rows above it, which may be frames.
     The numbers begin with the first of a run of rows that are mostly numbers.
     """
-    head: list[str] = []
+    header: list[str] = []
     rows: list[str] = []
     numbers, empty = 0, 0
-    while len(head) + numbers < _HEAD and empty < _BLANK:
+    while len(header) + numbers < _HEADER_LINES and empty < _BLANK:
         taken = lines.take(1)
         if not taken and numbers:
             break
@@ -274,10 +283,10 @@ def _head(lines: TextLines) -> tuple[list[str], str, int]:
         if known >= 3 and 2 * known >= len(seen):
             numbers += 1
             continue
-        head += [each for each in rows if each.strip(EMPTY)]
+        header += [each for each in rows if each.strip(EMPTY)]
         rows, numbers = [], 0
     if not numbers:
         lines.fail(f"got {lines.line} lines without a row of numbers, allowed a table of positions")
     lines.put_back(*rows)
     at, first = next((i, row) for i, row in enumerate(rows, 1) if row.strip(EMPTY))
-    return head, first, lines.line + at
+    return header, first, lines.line + at

@@ -81,6 +81,13 @@ _LOOKED_AT: Final = 64
 """Bytes from which UTF-16 without a byte-order mark is recognised."""
 
 
+@contextmanager
+def text_lines(path: Path, progress: Progress) -> Iterator[TextLines]:
+    """Open a text file; raise a RecordingError if that fails."""
+    with binary(path) as file:
+        yield TextLines(path, file, path.stat().st_size, progress)
+
+
 @dataclass
 class TextLines:
     """The lines of a text file, with their numbers.
@@ -266,7 +273,7 @@ class GrowableArray:
         return self._count
 
     @property
-    def whole(self) -> np.ndarray:
+    def view(self) -> np.ndarray:
         """All rows."""
         assert self._all is not None
         return self._all[: self._count]
@@ -310,6 +317,45 @@ def blocks(
             at, column = large[0]
             lines.fail(_too_large(float(values[at, column])), rows[at][0])
         yield values
+
+
+def read_rows(
+    lines: TextLines,
+    separator: str | None,
+    width: int,
+    split: Callable[[np.ndarray], Sequence[np.ndarray]],
+    blanks: bool = False,
+    chosen: ColumnSelection | None = None,
+) -> list[np.ndarray]:
+    """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
+
+    Args:
+        lines: as in `blocks`, and so are the others.
+        separator: separator of the numbers.
+        width: numbers in a row.
+        split: function that returns the next rows of each array.
+        blanks: whether a row of separators only is a frame.
+        chosen: the columns that are read.
+
+    Raises:
+        RecordingError: if there is no row, or a row is wrong.
+    """
+    arrays: list[GrowableArray] = []
+    for block in blocks(lines, separator, width, blanks, chosen):
+        parts = split(block)
+        arrays = arrays or [GrowableArray() for _ in parts]
+        for array, part in zip(arrays, parts, strict=True):
+            array.add(part, lines.share)
+    if not arrays:
+        raise RecordingError(
+            f"{lines.path.name}: got no row of numbers, allowed a row for each frame"
+        )
+    return [array.view for array in arrays]
+
+
+def points_of(values: np.ndarray) -> np.ndarray:
+    """Return numbers (n, 3 m) as positions (n, m, 3) in 32 bits."""
+    return values.astype(np.float32).reshape(len(values), -1, 3)
 
 
 def separator_of(*rows: str) -> str | None:
@@ -450,7 +496,7 @@ _SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
 """First letter of a unit of time -> the unit [s]; the mu is the Greek one that `casefold` gives."""
 
 
-def seconds(
+def to_seconds(
     where: str,
     stamps: np.ndarray,
     unit: float | None = None,
@@ -499,12 +545,12 @@ def seconds(
         if unit != 1.0:
             notes.append(f"Times are taken as {_UNITS[unit]}.")
     time = unit * time
-    kept, said = once(where, time, shown, remedy)
+    kept, said = drop_duplicate_times(where, time, shown, remedy)
     time = time if kept.all() else time[kept]
     return time, kept, [*said, *notes, _spacing(time)]
 
 
-def once(
+def drop_duplicate_times(
     where: str, time: np.ndarray, shown: Sequence[np.ndarray], remedy: str = ""
 ) -> tuple[np.ndarray, list[str]]:
     """Return the frames with another time than the frame before, (n,) bool, and sentences.
@@ -580,7 +626,7 @@ def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
     ]
 
 
-def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
+def uniform_times(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
     """Return times from zero [s] of frames whose rate was stated [Hz], and sentences.
 
     Raises:
@@ -591,7 +637,7 @@ def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
     return np.arange(count) / rate, [f"There are {rate:g} frames per second, as stated."]
 
 
-def repeated(positions: np.ndarray) -> list[str]:
+def count_repeated_frames(positions: np.ndarray) -> list[str]:
     """Return a sentence with the number of frames that repeat the frame before, if many do."""
     count = 0
     for at in range(1, len(positions), _BLOCK):

@@ -8,29 +8,24 @@ programs save such files with commas.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from ergoqp.arguments import Progress
-from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import (
-    GrowableArray,
     TableOptions,
-    TextLines,
-    binary,
-    blocks,
     cells,
     count_of,
     is_number,
-    repeated,
-    seconds,
+    points_of,
+    read_rows,
     separator_of,
     short,
+    text_lines,
     unit_by_rate,
 )
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, with_times
 
 UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254}
 UNITS_WORDS: Final = {"millimeters": 0.001, "centimeters": 0.01, "meters": 1.0}
@@ -47,8 +42,7 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     Raises:
         RecordingError: if it is not such a file.
     """
-    with binary(path) as file:
-        lines = TextLines(path, file, path.stat().st_size, progress)
+    with text_lines(path, progress) as lines:
         first = lines.next("the line PathFileType")
         if not first.startswith("PathFileType"):
             lines.fail(f"got {short(first)}, allowed PathFileType")
@@ -72,33 +66,28 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         if "x" not in (below := lines.next("the names of the coordinates")).lower():
             lines.fail(f"got {short(below)}, allowed X1, Y1, Z1 and so on")
         width = 2 + 3 * len(names)
-        stamps, places = GrowableArray(), GrowableArray()
-        for rows in blocks(lines, separator, width):
-            stamps.add(rows[:, 1], lines.share)
-            block = rows[:, 2:].astype(np.float32).reshape(len(rows), -1, 3)
-            places.add(block, lines.share)
-    if not stamps:
-        raise RecordingError(f"{path.name}: got no row of numbers, allowed a row for each frame")
-    positions = places.whole
+        stamps, positions = read_rows(
+            lines, separator, width, lambda rows: (rows[:, 1], points_of(rows[:, 2:]))
+        )
     # Some programs write other units than seconds, which follow from the rate.
     rate = stated.get("datarate", "").replace(",", ".")
-    second, said = unit_by_rate(stamps.whole, float(rate)) if is_number(rate) else (1.0, [])
-    time, kept, notes = seconds(path.name, stamps.whole, second, [positions])
-    notes = [*said, *notes]
-    positions = positions if kept.all() else positions[kept]
-    for key, found, what in (
-        ("numframes", len(kept), "frames"),
-        ("nummarkers", len(names), "markers"),
-    ):
-        if (count := count_of(stated.get(key, ""))) not in {None, found}:
-            notes.append(f"The file states {count} {what} and has {found}: all are read.")
+    second, notes = unit_by_rate(stamps, float(rate)) if is_number(rate) else (1.0, [])
+    counts = [
+        f"The file states {count} {what} and has {found}: all are read."
+        for key, found, what in (
+            ("numframes", len(positions), "frames"),
+            ("nummarkers", len(names), "markers"),
+        )
+        if (count := count_of(stated.get(key, ""))) not in {None, found}
+    ]
     unit = stated.get("units", "").lower()
-    return JointMotion(
+    motion = JointMotion(
         tuple(names),
         positions,
-        time,
-        None,
-        (*notes, *repeated(positions)),
+        stamps,
+        notes=tuple(counts),
         markers=True,
         unit=UNITS.get(unit, UNITS_WORDS.get(unit)),
     )
+    motion = with_times(path.name, motion, second)
+    return replace(motion, notes=(*notes, *motion.notes))

@@ -40,8 +40,9 @@ from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import GROWTH, Marker, base_jacobian
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.fitting.axes import first_middle
 from ergoqp.mocap.markers.rigid import brought_to, shape_of
-from ergoqp.mocap.naming import RIGID, growth_of
+from ergoqp.mocap.naming import LANDMARK_SEGMENTS, RIGID, growth_of
 from ergoqp.mocap.recording import JointMotion
 
 _NEARLY_ALL: Final = 0.9
@@ -157,19 +158,14 @@ def _turned(at: Mapping[str, np.ndarray]) -> Iterator[str]:
         ("acromion", "head_front", "head_back"),
         ("asis", "asis", "psis"),
     ):
-        before, after = _middle(at, front), _middle(at, behind)
+        before, after = (
+            first_middle(at, (name,), (f"right_{name}", f"left_{name}")) for name in (front, behind)
+        )
         if before is None or after is None:
             continue
         ahead = np.cross(across[which], up)
         if _nearly_always(((after - before) * ahead).sum(axis=1)):
             yield f"{_spoken(front)} is behind {_spoken(behind)}"
-
-
-def _middle(at: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
-    if name in at:
-        return at[name]
-    sides = [at[f"{side}_{name}"] for side in SIDES if f"{side}_{name}" in at]
-    return (sides[0] + sides[1]) / 2 if len(sides) == 2 else None
 
 
 def _nearly_always(values: np.ndarray) -> bool:
@@ -227,34 +223,6 @@ def segments(z: ca.SX, growth: ca.SX) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
         yield z[:3] + yaw @ place, yaw @ turn, moved
 
 
-_ON: Final = {
-    "asis": ("pelvis", "trunk"),
-    "psis": ("pelvis", "trunk"),
-    "sacrum": ("pelvis", "trunk"),
-    "c7": ("trunk",),
-    "back": ("trunk",),
-    "notch": ("trunk",),
-    "xiphoid": ("trunk",),
-    "acromion": ("trunk", "shoulder"),
-    "upper_arm": ("shoulder",),
-    "outer_elbow": ("shoulder", "elbow"),
-    "inner_elbow": ("shoulder", "elbow"),
-    "forearm": ("elbow", "wrist"),
-    "wrist_thumb": ("elbow", "wrist"),
-    "wrist_small": ("elbow", "wrist"),
-    "hand": ("wrist",),
-    "thigh": ("hip",),
-    "outer_knee": ("hip", "knee"),
-    "inner_knee": ("hip", "knee"),
-    "shank": ("knee",),
-    "outer_ankle": ("knee", "ankle"),
-    "inner_ankle": ("knee", "ankle"),
-    "heel": ("ankle",),
-    "forefoot": ("ankle",),
-    "head_front": ("head",),
-    "head_back": ("head",),
-}
-"""Landmark -> frames that it may be fixed to, on its own side where there are two."""
 _BLOCK: Final = 4096
 _ROUNDS: Final = 3
 _ASTRAY: Final = 3.0
@@ -351,10 +319,7 @@ def _beside(landmark: str) -> list[str]:
     """Return the frames that a marker may be fixed to."""
     if landmark in SEGMENTS:
         return [landmark]
-    side, _, name = landmark.partition("_")
-    if side not in SIDES:
-        return list(_ON[landmark])
-    return [part if part in SEGMENTS else f"{side}_{part}" for part in _ON[name]]
+    return LANDMARK_SEGMENTS[landmark]
 
 
 def _fit_middle(local: np.ndarray) -> tuple[np.ndarray, float]:

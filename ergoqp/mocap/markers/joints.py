@@ -23,7 +23,7 @@ from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES
-from ergoqp.mocap.fitting.posture import THUMB
+from ergoqp.mocap.fitting.posture import THUMB, either, unit
 from ergoqp.mocap.markers.fit import check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
 from ergoqp.mocap.naming import CENTRES, RIGID
@@ -39,21 +39,12 @@ def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float)
         aside: outward direction (n, 3).
         by: distance of the joint inside the marker.
     """
-    whole = marker - origin
-    length = np.linalg.norm(whole, axis=1, keepdims=True)
-    along = whole / np.where(length > 0, length, np.nan)
+    length = np.linalg.norm(marker - origin, axis=1, keepdims=True)
+    along = unit(marker - origin)
     aside = unit(across(aside, along))
     sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
     cosine = np.sqrt(1 - sine**2)
     return origin + length * cosine * (cosine * along - sine * aside)
-
-
-def either(*choices: np.ndarray) -> np.ndarray:
-    """Return the first of several vectors that is seen, in each frame (n, 3)."""
-    found = choices[-1]
-    for choice in reversed(choices[:-1]):
-        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
-    return found
 
 
 def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
@@ -64,12 +55,6 @@ def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
 def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Return the components of vectors along unit axes (n, 1)."""
     return (vectors * axes).sum(axis=1, keepdims=True)
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Return vectors of length one (n, 3); NaN for those without a direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0, length, np.nan)
 
 
 _BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))

@@ -142,7 +142,7 @@ BROKEN = {
         MOTIVE[: MOTIVE.index(",ID")],
         "the file ends in line 4, required is the row 'Frame'",
     ),
-    "head only": (MOTIVE[: MOTIVE.index("\n0,0") + 1], "^a.csv: got no frame, allowed a take"),
+    "head only": (MOTIVE[: MOTIVE.index("\n0,0") + 1], "^a.csv: got no row of numbers, allowed"),
     "cut between rows": (
         MOTIVE[: MOTIVE.index("2,0.2")],
         "^a.csv: got 2 frames, allowed 3 as stated; the recording is cut",

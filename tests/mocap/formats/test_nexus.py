@@ -65,7 +65,7 @@ BROKEN = {
     "two units": (NEXUS.replace("mm", "m", 3), "got the units 'm, mm', allowed mm, cm or m"),
     "a word": (NEXUS.replace("2.5", "x"), "line 7: .*'x'"),
     "another section behind": (NEXUS + "\n" + DEVICES, "line 10: "),
-    "no frames": (NEXUS[: NEXUS.index("5,0")], "got no frame of trajectories"),
+    "no frames": (NEXUS[: NEXUS.index("5,0")], "got no row of numbers"),
     "cut in the head": (NEXUS[:20], "the file ends in line"),
     "time runs back": (NEXUS.replace("\n8,", "\n2,"), "time runs backwards"),
 }

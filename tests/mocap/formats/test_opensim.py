@@ -15,11 +15,13 @@ from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
 from ergoqp.mocap.formats.opensim import posed, read_storage
-from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR, UPPER_LIMB
+from ergoqp.mocap.formats.opensim_models import MODELS
 from ergoqp.mocap.formats.text import TableOptions
 from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.recording import JointMotion, Recording
+
+FULL_BODY, THORACOSCAPULAR, _, UPPER_LIMB = MODELS
 
 LENGTHS = Body().lengths
 RIGHT_ARM = {"right_elbow", "right_wrist", "right_knuckles", "right_thumb"}

@@ -9,8 +9,10 @@ import pytest
 
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.opensim import check_unit, is_length, with_bent_hinges
-from ergoqp.mocap.formats.opensim_models import FULL_BODY, THORACOSCAPULAR
+from ergoqp.mocap.formats.opensim_models import MODELS
 from ergoqp.mocap.load import load_recording
+
+FULL_BODY, THORACOSCAPULAR, *_ = MODELS
 
 COUNT = 200
 SWING = np.sin(np.linspace(0, 6 * np.pi, COUNT))

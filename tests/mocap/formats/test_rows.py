@@ -198,5 +198,5 @@ def test_blocks_become_one_array(shares: tuple[float, ...]) -> None:
     gathered.add(values[:0], 0.1)
     for part, share in zip(np.split(values, [4, 9]), shares, strict=True):
         gathered.add(part, share)
-    np.testing.assert_array_equal(gathered.whole, values)
+    np.testing.assert_array_equal(gathered.view, values)
     assert len(gathered) == 12

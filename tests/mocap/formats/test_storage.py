@@ -110,7 +110,7 @@ BROKEN = {
         "line 201: got 200 rows without endheader, allowed a motion file",
     ),
     "head only": (STORAGE[: STORAGE.index("time")], "ends in line 7, required is the names"),
-    "names only": (STORAGE[: STORAGE.index("0.0")], "^a.mot: got no row below the names, allowed"),
+    "names only": (STORAGE[: STORAGE.index("0.0")], "^a.mot: got no row of numbers, allowed"),
     "empty lines": (
         STORAGE.replace("endheader", "endheader" + "\n" * 999),
         "line 401: got no names of columns below endheader",

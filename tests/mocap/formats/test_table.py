@@ -170,6 +170,13 @@ def test_rows_before_anybody_is_seen_are_frames(count: int, tmp_path: Path) -> N
     assert len(read(read_table, write(tmp_path / "c.csv", timed)).time) == 3
 
 
+def test_confidences_of_frames_that_end_in_blanks(tmp_path: Path) -> None:
+    header = "neck.x,neck.y,neck.z,neck.score"
+    content = "\n".join([header, "1,2,3,0.9", "1,2,3,0.1", ",,,", ",,,"])
+    motion = read(read_table, write(tmp_path / "a.csv", content), rate=10)
+    np.testing.assert_array_equal(np.isfinite(motion.positions[:, 0, 0]), [True, False])
+
+
 def test_a_rate_where_there_are_no_times(tmp_path: Path) -> None:
     rows = "\n".join(row.partition(",")[2] for row in TABLE.splitlines())
     path = write(tmp_path / "a.csv", rows.replace("1.5,2.5,3.5,4.5,5.5,6.5", ",,,,,") + "\n,,,,,\n")

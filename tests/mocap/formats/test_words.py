@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ergoqp.mocap.formats.columns import Clock, surety
+from ergoqp.mocap.formats.columns import ClockTimeParser, parse_tracking_state
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ from ergoqp.mocap.formats.columns import Clock, surety
     ],
 )
 def test_clock_times(words: list[str], seconds: list[float]) -> None:
-    clock = Clock("time")
+    clock = ClockTimeParser("time")
     found = [float(clock(word)) for word in words]
     assert [each - found[0] for each in found] == pytest.approx(seconds, abs=1e-10)
 
@@ -40,7 +40,7 @@ def test_clock_times(words: list[str], seconds: list[float]) -> None:
 )
 def test_what_is_no_time_is_told(word: str) -> None:
     with pytest.raises(ValueError, match=r"^in the column 'when', allowed a number or a time such"):
-        Clock("when")(word)
+        ClockTimeParser("when")(word)
 
 
 @pytest.mark.parametrize(
@@ -53,4 +53,4 @@ def test_what_is_no_time_is_told(word: str) -> None:
     ],
 )
 def test_how_a_tracker_says_that_it_sees(word: str, number: str) -> None:
-    assert surety(word) == number
+    assert parse_tracking_state(word) == number

@@ -164,6 +164,7 @@ def test_a_neutral_pose_of_another_unit(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_long_take_is_read_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     places = PLACES.copy()
     places[95:105, at("C7", "RPSI")] = np.nan

@@ -49,6 +49,7 @@ def test_many_are_not_all_named() -> None:
     assert sentence.endswith("M4 in 2, M5 in 2 and 3 more markers.")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rows"),
     [("RPSI", slice(None)), ("RELB", slice(200, 300)), ("C7", slice(0, 600, 3))],

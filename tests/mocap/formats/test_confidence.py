@@ -1,4 +1,4 @@
-"""Places that are not surely seen, by the scale of each column."""
+"""Places of a low confidence are taken as not seen, by the scale of each column."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ NAN = np.nan
     ],
 )
 def test_what_is_seen_on_each_scale(values: list[float], seen: list[int], words: str) -> None:
-    doubts = ConfidenceFilter([ConfidenceColumn(3, 1, "score")])
+    confidence = ConfidenceFilter([ConfidenceColumn(3, 1, "score")])
     rows = np.array(values)[:, None]
-    doubts.add(rows[:1], 0.1)
-    doubts.add(rows[1:], 1.0)
+    confidence.add(rows[:1], 0.1)
+    confidence.add(rows[1:], 1.0)
     positions = np.ones((4, 2, 3), np.float32)
-    notes = doubts.blank(positions)
+    notes = confidence.mask_low_confidence(positions)
     np.testing.assert_array_equal(np.isfinite(positions[:, 1, 0]), np.array(seen, bool))
     assert np.isfinite(positions[:, 0]).all()
     lost = 4 - sum(seen)
@@ -41,22 +41,22 @@ def test_what_is_seen_on_each_scale(values: list[float], seen: list[int], words:
 
 
 def test_columns_that_are_called_differently_have_scales_of_their_own() -> None:
-    doubts = ConfidenceFilter(
+    confidence = ConfidenceFilter(
         [
             ConfidenceColumn(3, 0, "state"),
             ConfidenceColumn(4, 0, "score"),
             ConfidenceColumn(5, 1, "score"),
         ]
     )
-    doubts.add(np.array([[0, 0.9, 0.9], [2, 0.2, 0.9], [1, 0.4, 0.9]]), 1.0)
+    confidence.add(np.array([[0, 0.9, 0.9], [2, 0.2, 0.9], [1, 0.4, 0.9]]), 1.0)
     positions = np.ones((3, 2, 3), np.float32)
-    assert [note[:6] for note in doubts.blank(positions)] == ["1 of 6", "1 of 6"]
+    assert [note[:6] for note in confidence.mask_low_confidence(positions)] == ["1 of 6", "1 of 6"]
     np.testing.assert_array_equal(np.isfinite(positions[:, :, 0]), [[0, 1], [0, 1], [1, 1]])
 
 
 def test_where_everything_is_seen_nothing_is_said() -> None:
-    assert ConfidenceFilter([]).blank(np.ones((2, 1, 3))) == []
-    doubts = ConfidenceFilter([ConfidenceColumn(3, 0, "score")])
-    doubts.add(np.array([[0.9], [0.1]]), 1.0)
+    assert ConfidenceFilter([]).mask_low_confidence(np.ones((2, 1, 3))) == []
+    confidence = ConfidenceFilter([ConfidenceColumn(3, 0, "score")])
+    confidence.add(np.array([[0.9], [0.1]]), 1.0)
     # What is blank anyway is not lost by its score.
-    assert doubts.blank(np.array([[[1.0, 1, 1]], [[NAN, NAN, NAN]]])) == []
+    assert confidence.mask_low_confidence(np.array([[[1.0, 1, 1]], [[NAN, NAN, NAN]]])) == []
