@@ -135,7 +135,6 @@ def limits(run: Run) -> Section:
     shown = sorted(names, key=lambda name: -int(held[name].sum()))[:_MOST_LIMITS]
     styles = {1: ("active", "active")}
     strips = [Strip(spoken(name), held[name], styles, _share(held[name])) for name in shown]
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
     missing = len(names) - len(shown)
     intro = "When a limit held the object back." if names else "No limit held the object back."
     if missing:
@@ -143,9 +142,7 @@ def limits(run: Run) -> Section:
     pictures = (
         [
             Picture.of(
-                lambda width: strips_chart(
-                    "Active limits over time", f"{said}.", run.time, strips, width=width
-                )
+                lambda width: strips_chart("Active limits over time", run.time, strips, width=width)
             )
         ]
         if strips
@@ -175,13 +172,12 @@ def steps(run: Run, facts: RunFacts) -> Section:
         here = (statuses == status).astype(np.int64)
         style = {1: (_STATUS_STYLE.get(status, "unscored"), status)}
         strips.append(Strip(status, here, style, f"{count} · {_share(here)}"))
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
     return Section(
         "Control steps",
         pictures=[
             Picture.of(
                 lambda width: strips_chart(
-                    "Status of each step over time", f"{said}.", run.time, strips, width=width
+                    "Status of each step over time", run.time, strips, width=width
                 ),
                 "Status of each step.",
             ),

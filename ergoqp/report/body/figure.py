@@ -121,8 +121,7 @@ class Drawing:
         if self._contact is not None:
             x, y = at(self._contact[:3, 3])
             tip_x, tip_y = at(self._contact[:3, 3] + 0.14 * self._contact[:3, 0])
-            drawn.append(svg.element("line", x1=x, y1=y, x2=tip_x, y2=tip_y, class_="tool"))
-            drawn.append(svg.element("circle", cx=x, cy=y, r=4, class_="dot"))
+            drawn += [svg.line(x, y, tip_x, tip_y, "tool"), svg.circle(x, y, 4, "dot")]
         return drawn
 
     @staticmethod
@@ -220,9 +219,9 @@ def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> s
     for number, row in enumerate(rows):
         floor = number * height + top * _SCALE
         end = sum(widths[i] + _GAP for i in row)
-        drawn.append(svg.element("line", x1=0, x2=end, y1=floor, y2=floor, class_="axis"))
+        drawn.append(svg.line(0, floor, end, floor, "axis"))
         held = floor - float(people[row[0]].contact[2, 3]) * _SCALE
-        drawn.append(svg.element("line", x1=0, x2=end, y1=held, y2=held, class_="mark"))
+        drawn.append(svg.line(0, held, end, held, "mark"))
         x = 0.0
         for i in row:
             drawn += _one(people[i], drawings[i], x, widths[i], floor, floor - bottom * _SCALE)
