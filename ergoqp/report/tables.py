@@ -107,10 +107,7 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
     if summary["fit_error_mm"] is not None:
         error = summary["fit_error_mm"]
         table.add_row("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm")
-    table.add_row(
-        "worst",
-        worst_in_words(worst),
-    )
+    table.add_row("worst", worst_in_words(worst))
     reasons = _plain(None, ("why",))
     for sentence in worst["reasons"]:
         reasons.add_row(Text(sentence))
@@ -131,8 +128,4 @@ def _plain(title: Text | None, head: tuple[str, ...], numeric: tuple[int, ...] =
 
 
 def _score(score: int) -> str:
-    return (
-        f"{score} {palette.risk_of_level(int(palette.level_of_score(score)))}"
-        if score
-        else "not scored"
-    )
+    return f"{score} {palette.risk_of_score(score)}" if score else "not scored"

@@ -331,11 +331,7 @@ class _Words:
 
 def _score_text(movement: Movement, frame: int) -> str:
     score = int(movement.final[frame])
-    return (
-        f"REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}"
-        if score
-        else "not scored"
-    )
+    return f"REBA {score}, {palette.risk_of_score(score)}" if score else "not scored"
 
 
 def _time_text(movement: Movement, frame: int) -> str:
