@@ -16,7 +16,7 @@ from ergoqp.lab.group_search import GroupPerson
 from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
-from ergoqp.report.body.figure import Standing, lineup
+from ergoqp.report.body.figure import Drawing, Standing, lineup
 from ergoqp.report.charts.strips import COLOURS, Spot, score_map
 from ergoqp.report.optimum_page import (
     place_words,
@@ -121,7 +121,7 @@ def _facts(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
 
 def _row(found: GroupOptimum, *, width: float) -> str:
     standing = [
-        Standing(m.body, m.posture, m.base_pose, m.segments, m.label, m.reba, found.pose)
+        Standing(m.label, m.reba, Drawing(m.body, m.posture, m.base_pose, m.segments, found.pose))
         for m in found.members
     ]
     return lineup(standing, "Everybody at the group's place", width=width)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections import defaultdict
 from collections.abc import Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
@@ -270,11 +271,9 @@ class _Person:
             for owner in placement.owners
         ]
         self._meshes: list[tuple[str, Any, int]] = []
-        groups: dict[tuple[str, str | None, tuple[int, int, int] | None], list[Part]] = {}
+        groups = defaultdict[tuple[str, str | None, Any], list[Part]](list)
         for part in parts_of(movement.body):
-            groups.setdefault((part.owner, part.segment, _OWN_COLOUR.get(part.name)), []).append(
-                part
-            )
+            groups[part.owner, part.segment, _OWN_COLOUR.get(part.name)].append(part)
         for number, ((owner, segment, own), parts) in enumerate(groups.items()):
             vertices, faces = body_mesh(parts)
             level = self._level(segment, 0)
