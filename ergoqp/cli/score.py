@@ -17,7 +17,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import RecordingOptions, grouped, out_option
+from ergoqp.cli.options import RecordingOptions, grouped, option, out_option
 from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
@@ -81,23 +81,17 @@ def command(
         ),
     ],
     out: Annotated[Path | None, out_option("RECORDING")] = None,
-    load_kg: Annotated[float, typer.Option("--load-kg", metavar="KG", help="Mass handled.")] = 0.0,
+    load_kg: Annotated[float, option("KG", "Mass handled.")] = 0.0,
     shock: Annotated[
         bool, typer.Option("--shock", help="Shock or a rapid build-up of force.")
     ] = False,
     coupling: Annotated[
         int,
-        typer.Option(
-            "--coupling", metavar="0-3", help="Grip: 0 good, 1 fair, 2 poor, 3 unacceptable."
-        ),
+        option("0-3", "Grip: 0 good, 1 fair, 2 poor, 3 unacceptable."),
     ] = 0,
     activity: Annotated[
         int,
-        typer.Option(
-            "--activity",
-            metavar="0-3",
-            help="One for each of: static, repeated, rapid large changes.",
-        ),
+        option("0-3", "One for each of: static, repeated, rapid large changes."),
     ] = 0,
     seated: Annotated[bool, typer.Option("--seated", help="Knees are not counted.")] = False,
     one_leg: Annotated[
@@ -121,11 +115,7 @@ def command(
     ] = UpperArm.flexion,
     save_person: Annotated[
         Path | None,
-        typer.Option(
-            "--save-person",
-            metavar="FILE",
-            help="Write a person file for --person: measured lengths and marker places.",
-        ),
+        option("FILE", "Write a person file for --person: measured lengths and marker places."),
     ] = None,
     *,
     read: RecordingOptions,
