@@ -31,6 +31,7 @@ from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table
 from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method, assess
+from ergoqp.simulation.description import in_words
 
 ABOUT = """Score every frame of a recording by REBA.
 
@@ -171,21 +172,7 @@ def command(
 
 def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:
     """Return the options of the scoring as text."""
-    words = [("upper arm scored by", method.upper_arm)]
-    for name, value in task.items():
-        if isinstance(value, tuple):
-            text = (
-                " and ".join(
-                    side for side, there in zip(("right", "left"), value, strict=True) if there
-                )
-                or "no"
-            )
-        elif isinstance(value, bool):
-            text = "yes" if value else "no"
-        else:
-            text = f"{value:g}{' kg' if name.endswith('_kg') else ''}"
-        words.append((name.removesuffix("_kg").replace("_", " "), text))
-    return words
+    return [("upper arm scored by", method.upper_arm), *in_words(task)]
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

@@ -198,16 +198,9 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
     Texts are arrays of fixed-width strings, so that no pickle is needed.
     """
     names = sorted({name for active in run.active for name in active})
+    plain = "time postures base_poses forces poses twists reba cost step_time".split()
     return {
-        "time": run.time,
-        "postures": run.postures,
-        "base_poses": run.base_poses,
-        "forces": run.forces,
-        "poses": run.poses,
-        "twists": run.twists,
-        "reba": run.reba,
-        "cost": run.cost,
-        "step_time": run.step_time,
+        **{name: getattr(run, name) for name in plain},
         "statuses": np.array(run.statuses, dtype=np.str_),
         "reasons": np.array(run.reasons, dtype=np.str_),
         "active": np.array(
