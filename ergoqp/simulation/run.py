@@ -192,15 +192,18 @@ def summary_of_run(run: Run) -> dict[str, Any]:
     }
 
 
+_PLAIN = ("time", "postures", "base_poses", "forces", "poses", "twists", "reba", "cost")
+
+
 def arrays_of(run: Run) -> dict[str, np.ndarray]:
     """Return the contents of ``run.npz``.
 
     Texts are arrays of fixed-width strings, so that no pickle is needed.
     """
     names = sorted({name for active in run.active for name in active})
-    plain = "time postures base_poses forces poses twists reba cost step_time".split()
     return {
-        **{name: getattr(run, name) for name in plain},
+        **{name: getattr(run, name) for name in _PLAIN},
+        "step_time": run.step_time,
         "statuses": np.array(run.statuses, dtype=np.str_),
         "reasons": np.array(run.reasons, dtype=np.str_),
         "active": np.array(
