@@ -30,7 +30,7 @@ from ergoqp.expressions import read_pose
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, OneClassBoundary
-from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.placing.optimum import Optimum, StartResult
 from ergoqp.placing.parallel import call_packed, in_order, packed
 from ergoqp.placing.place import Place
 from ergoqp.placing.program import Program, Solution, check_names, smooth_cost
@@ -106,7 +106,7 @@ class StartSolver:
         self.program = Program(task.problem, task.person.response, task.mode, task.solver)
         self.anchor = self.program.place.anchor(task.problem, task.begin.pose)
 
-    def start(self, number: int) -> Trial:
+    def start(self, number: int) -> StartResult:
         """Return the result of a start.
 
         It depends only on the task and the number, not on where and when it is solved.
@@ -117,7 +117,7 @@ class StartSolver:
         if drawn is None:
             pose, posture = task.begin.pose, task.begin.posture
             cost, took = self._cost(posture), time.perf_counter() - begin
-            return Trial(number, pose, posture, 0, cost, np.inf, 0.0, took, "out of reach")
+            return StartResult(number, pose, posture, 0, cost, np.inf, 0.0, took, "out of reach")
         unknowns, rest = drawn
         solution, posture = Solution(np.empty(0), np.inf), rest
         last = (task.tau_deg, RELAXATION)
@@ -189,7 +189,7 @@ class StartSolver:
         rest: np.ndarray,
         residual: float,
         begin: float,
-    ) -> Trial:
+    ) -> StartResult:
         task = self.task
         pose = self.program.place.pose(unknowns, self.anchor)
         settled, reached = self._settle(posture, unknowns)
@@ -199,7 +199,7 @@ class StartSolver:
         note = "out of reach" if not reached else self._outside(settled, pose)
         score = 0 if note else int(task.problem.assess(settled).final[0])
         cost, took = self._cost(settled), time.perf_counter() - begin
-        return Trial(number, pose, settled, score, cost, residual, apart, took, note)
+        return StartResult(number, pose, settled, score, cost, residual, apart, took, note)
 
     def _holds(self, posture: np.ndarray, pose: np.ndarray) -> bool:
         begin = self.task.begin
@@ -356,9 +356,9 @@ def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerso
 
 def _solve(
     task: OptimizationTask, starts: int, jobs: int, progress: Progress | None
-) -> list[Trial]:
+) -> list[StartResult]:
     """Return the trials of all starts, in order."""
-    found: Iterable[Trial]
+    found: Iterable[StartResult]
     if jobs > 1:
         [sent] = packed("jobs", [(task,)])
         found = in_order(_solve_start, [(sent, number) for number in range(starts)], jobs)
@@ -373,7 +373,7 @@ def _solve(
     return trials
 
 
-def _solve_start(sent: bytes, number: int) -> Trial:
+def _solve_start(sent: bytes, number: int) -> StartResult:
     return _solver_of(sent).start(number)
 
 
@@ -383,7 +383,7 @@ def _solver_of(sent: bytes) -> StartSolver:
     return call_packed(StartSolver, sent)
 
 
-def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
+def _best(problem: Problem, trials: Sequence[StartResult]) -> StartResult:
     counting = [trial for trial in trials if trial.reba > 0]
     if not counting:
         notes = Counter(trial.note for trial in trials).most_common()

@@ -61,7 +61,7 @@ _ARRAYS = {"pose": (4, 4), "posture": (len(JOINTS),)}
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class StartResult:
     """Result of one start.
 
     Attributes:
@@ -103,7 +103,7 @@ class Trial:
         return {name: plain(value) for name, value in vars(self).items()}
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Trial:
+    def from_dict(cls, values: Mapping[str, Any]) -> StartResult:
         """Return the trial from the result of `as_dict`.
 
         Raises:
@@ -174,7 +174,7 @@ class Optimum:
     tau_deg: float | None
     pose_before: np.ndarray
     posture_before: np.ndarray
-    trials: tuple[Trial, ...] = ()
+    trials: tuple[StartResult, ...] = ()
     assumptions: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -236,7 +236,7 @@ class Optimum:
             for entry in (values, *values["trials"]):
                 for name in entry.keys() & {"pose", "pose_before"}:
                     entry[name] = pose_from_dict(entry[name])
-            values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
+            values["trials"] = tuple(StartResult.from_dict(trial) for trial in values["trials"])
             values["assumptions"] = tuple(values["assumptions"])
             return cls(**_with_arrays(values))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
