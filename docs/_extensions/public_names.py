@@ -129,7 +129,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
     "Places": (
         "ergoqp.optimise",
         "ergoqp.placing.optimum.Optimum",
-        "ergoqp.placing.optimum.Trial",
+        "ergoqp.placing.optimum.StartResult",
         "ergoqp.lab.population.population",
         "ergoqp.lab.population.best_of_population",
         "ergoqp.lab.population.Found",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
@@ -16,6 +17,7 @@ from ergoqp.errors import InputError, MissingExtraError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.problem.load import load_problem, problem_names
 from ergoqp.problem.problem import Problem
+from ergoqp.sheets.reba import ACTION_LEVELS
 
 PLAIN_WIDTH = 120
 """Number of columns of tables if the width of the output is unknown."""
@@ -50,6 +52,12 @@ def load_person_problem(name: str) -> Problem:
 
 def _is_of_a_person(problem: Problem) -> bool:
     return tuple(problem.coordinates) == JOINTS
+
+
+def score_words(problem: Problem, posture: np.ndarray) -> str:
+    """Return the score of a posture (32,) [rad] and its risk, such as ``4, medium risk``."""
+    assessment = problem.assess(posture)
+    return f"{assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"
 
 
 def make_folder(out: Path | None, name: str) -> Path:

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.cli.common import console, make_folder, working, writing
-from ergoqp.cli.options import AnyProblem, out_option
+from ergoqp.cli.options import AnyProblem, option, out_option
 from ergoqp.comparison.compare import Comparison, check, compare
 from ergoqp.errors import MissingExtraError, install_command
 from ergoqp.problem.load import load_problem
+from ergoqp.report.tables import table_of
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.session import TOLERANCES, tidy
 
@@ -34,15 +34,11 @@ def command(
     name: AnyProblem,
     solvers: Annotated[
         str | None,
-        typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed]."),
+        option("A,B", "Solvers by name [all that are installed]."),
     ] = None,
-    steps: Annotated[
-        int, typer.Option("--steps", metavar="N", help="Control steps to record.")
-    ] = 300,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of the closed loops.")] = 0,
-    accuracy: Annotated[
-        float, typer.Option("--accuracy", metavar="A", help="Accuracy that the solvers are set to.")
-    ] = 1e-6,
+    steps: Annotated[int, option("N", "Control steps to record.")] = 300,
+    seed: Annotated[int, option("N", "Seed of the closed loops.")] = 0,
+    accuracy: Annotated[float, option("A", "Accuracy that the solvers are set to.")] = 1e-6,
     out: Annotated[Path | None, out_option("compare-PROBLEM")] = None,
 ) -> None:
     """Record, solve, print the tables; write ``compare.json``, ``compare.png`` and the sequences.
@@ -84,45 +80,17 @@ def command(
 
 
 def _sequences(found: Comparison) -> Table:
-    table = Table(
-        title=f"{found.problem}: the QPs of {found.steps} control steps, seed {found.seed}",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    table.add_column("sequence")
-    for name in ("QPs", "unknowns", "rows", "has answers"):
-        table.add_column(name, justify="right", overflow="fold")
-    for one in found.sequences:
-        table.add_row(
-            one.name,
-            str(len(one)),
-            str(one.size[0]),
-            str(one.size[1]),
-            "yes" if one.feasible else "no",
-        )
-    return table
+    rows = [
+        (one.name, str(len(one)), *map(str, one.size), "yes" if one.feasible else "no")
+        for one in found.sequences
+    ]
+    title = f"{found.problem}: the QPs of {found.steps} control steps, seed {found.seed}"
+    head = ("sequence", "QPs", "unknowns", "rows", "has answers")
+    return table_of(title, head, rows, overflow="fold")
 
 
 def _exactness(found: Comparison) -> Table:
-    table = Table(
-        title=f"answers, judged apart; solvers set to {_accuracy(found.accuracy)}",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    table.add_column("solver", no_wrap=True)
-    table.add_column("method")
-    columns = (
-        "within 0.001",
-        "0.000001",
-        "0.000000001",
-        "wrong: solved",
-        "wrong: infeasible",
-        "infeasible named",
-    )
-    for name in columns:
-        table.add_column(name, justify="right", overflow="fold")
+    rows = []
     for name, one in _sorted(found):
         shares = [_share(one[f"success_{tidy(level)}"]) for level in TOLERANCES]
         wrong = [
@@ -130,48 +98,38 @@ def _exactness(found: Comparison) -> Table:
             f"{one['wrong_infeasible']:.0f}",
         ]
         named = _share(one["infeasible_named"]) if "infeasible_named" in one else "-"
-        table.add_row(name, solver_named(name).method, *shares, *wrong, named)
+        rows.append((name, solver_named(name).method, *shares, *wrong, named))
+    accuracy = np.format_float_positional(found.accuracy, trim="-")
+    title = f"answers, judged apart; solvers set to {accuracy}"
+    head = ("solver", "method", "within 0.001", "0.000001", "0.000000001")
+    head += ("wrong: solved", "wrong: infeasible", "infeasible named")
+    table = table_of(title, head, rows, words=(0, 1), overflow="fold")
+    table.columns[0].no_wrap = True
     return table
 
 
 def _times(found: Comparison) -> Table:
-    table = Table(
-        title="time of a QP, µs; best = 1 for the mean",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
+    columns = (
+        ("mean", "sgm_us", 0),
+        ("best = 1", "sgm_time", 1),
+        ("median", "p50_us", 0),
+        ("95 %", "p95_us", 0),
+        ("99 %", "p99_us", 0),
+        ("longest", "max_us", 0),
+        ("iterations", "iterations", 1),
+        ("warm", "warm_us", 0),
+        ("warm / cold", "warm_ratio", 2),
+        ("iterations", "warm_iterations_ratio", 2),
     )
-    table.add_column("solver", no_wrap=True)
-    for name in (
-        "mean",
-        "best = 1",
-        "median",
-        "95 %",
-        "99 %",
-        "longest",
-        "iterations",
-        "warm",
-        "warm / cold",
-        "iterations",
-    ):
-        table.add_column(name, justify="right", overflow="fold")
-    for name, one in _sorted(found):
-        times = [f"{one[key]:.0f}" for key in ("p50_us", "p95_us", "p99_us", "max_us")]
-        warm = (
-            [f"{one['warm_us']:.0f}", f"{one['warm_ratio']:.2f}"]
-            if "warm_us" in one
-            else ["-", "-"]
-        )
-        ratio = f"{one['warm_iterations_ratio']:.2f}" if "warm_iterations_ratio" in one else "-"
-        count = f"{one['iterations']:.1f}" if "iterations" in one else "-"
-        table.add_row(
-            name, f"{one['sgm_us']:.0f}", f"{one['sgm_time']:.1f}", *times, count, *warm, ratio
-        )
+    rows = [
+        (name, *(f"{one[key]:.{n}f}" if key in one else "-" for _, key, n in columns))
+        for name, one in _sorted(found)
+    ]
+    title = "time of a QP, µs; best = 1 for the mean"
+    head = ("solver", *(name for name, _, _ in columns))
+    table = table_of(title, head, rows, overflow="fold")
+    table.columns[0].no_wrap = True
     return table
-
-
-def _accuracy(value: float) -> str:
-    return np.format_float_positional(value, trim="-")
 
 
 def _share(value: float) -> str:

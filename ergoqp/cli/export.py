@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from rich.text import Text
 
 from ergoqp.cli.common import console, working, writing
-from ergoqp.cli.options import AnyProblem, Guide, folder_of
+from ergoqp.cli.options import AnyProblem, Guide, folder_of, option
 from ergoqp.cli.run import guide_named
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
@@ -35,17 +34,9 @@ def command(
     name: AnyProblem,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            parser=folder_of,
-            help="Folder for the sources.",
-            show_default=False,
-        ),
+        option("DIR", "Folder for the sources.", parser=folder_of, show_default=False),
     ],
-    dt: Annotated[
-        float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")
-    ] = None,
+    dt: Annotated[float | None, option("S", "Control period [the problem's].")] = None,
     guide: Guide = None,
 ) -> None:
     """Write the folder and print what to do with it.

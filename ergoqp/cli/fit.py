@@ -14,12 +14,13 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole, part_of
 from ergoqp.cli.common import console, make_folder, working, writing
-from ergoqp.cli.options import out_option
+from ergoqp.cli.options import option, out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.load import KINDS, Quality, cross_validate, evaluation_time, quality_of
@@ -28,6 +29,7 @@ from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.learning.one_class import OneClass
 from ergoqp.report.charts.over_time import prediction_picture
+from ergoqp.report.tables import table_of
 
 ABOUT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.
 
@@ -73,11 +75,7 @@ def command(
     ],
     data: Annotated[
         str,
-        typer.Option(
-            "--data",
-            metavar="NAME|FILE",
-            help="sheet, interval, forearm, or a CSV file of your own.",
-        ),
+        option("NAME|FILE", "sheet, interval, forearm, or a CSV file of your own."),
     ] = "sheet",
     joints: Annotated[
         Joints,
@@ -87,21 +85,13 @@ def command(
     ] = Joints.report,
     per_score: Annotated[
         int,
-        typer.Option(
-            "--per-score", metavar="N", help="Postures of each score, where data are drawn."
-        ),
+        option("N", "Postures of each score, where data are drawn."),
     ] = 1000,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Seed of data, folds and fit.")
-    ] = 0,
-    folds: Annotated[
-        int, typer.Option("--folds", metavar="N", help="Folds of the cross-validation.")
-    ] = 5,
+    seed: Annotated[int, option("N", "Seed of data, folds and fit.")] = 0,
+    folds: Annotated[int, option("N", "Folds of the cross-validation.")] = 5,
     settings: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="An option of the cost's own fit; may be repeated."
-        ),
+        option("NAME=VALUE", "An option of the cost's own fit; may be repeated.", "--set"),
     ] = None,
     out: Annotated[Path | None, out_option("fit-COST")] = None,
 ) -> None:
@@ -110,47 +100,49 @@ def command(
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
-    learn = fit_boundary if cost == "boundary" else partial(fit, cost)
-    learn(data, joints.value, per_score, seed, folds, settings or [], out)
+    if cost == "boundary":
+        check_extra("sklearn")
+        make, learn = OneClass.fit, fit_boundary
+    elif cost in FITTED:
+        own = cost in _OWN and data != "forearm"
+        check_extra(*(() if own else ("sklearn",)), "matplotlib")
+        module, name = KINDS[cost].split(":")
+        make = getattr(import_module(module), name).fit
+        learn = partial(fit, cost, make)
+    else:
+        raise InputError(f"cost: got {cost!r}, allowed {', '.join(FITTED)}")
+    options = read_settings(make, settings or [])
+    with working("data") as done:
+        points = load_data(data, joints.value, per_score, seed, folds, done)
+    screen = console()
+    screen.print(
+        Text(f"{len(points)} points of {len(points.coordinates)} coordinates: {points.source}")
+    )
+    learn(points, options, seed, folds, screen, make_out=partial(make_folder, out, f"fit-{cost}"))
 
 
 def fit(
     kind: str,
-    source: str,
-    joints: str,
-    per_score: int,
+    make: Callable[..., LearnedCost],
+    data: DataSet,
+    options: dict[str, Any],
     seed: int,
     folds: int,
-    settings: Sequence[str],
-    out: Path | None,
+    screen: Console,
+    make_out: Callable[[], Path],
 ) -> None:
     """Fit a cost, print one table, and write the model and a picture.
 
     Args:
         kind: kind of cost, one of `FITTED`.
-        source: one of `DATA`, or the path of a CSV file.
-        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the
-            22 joints that the sheet reads.
-        per_score: postures per score, for data that are drawn.
-        seed: seed of data, folds and fit.
+        make: its fit.
+        data: labelled points.
+        options: options of the fit.
+        seed: seed of folds and fit.
         folds: number of folds of the cross-validation.
-        settings: ``name=value`` of the options of the fit.
-        out: folder of the results.
-
-    Raises:
-        ErgoqpError: if an argument cannot be used.
+        screen: console for the table.
+        make_out: returns the folder of the results.
     """
-    if kind not in FITTED:
-        raise InputError(f"cost: got {kind!r}, allowed {', '.join(FITTED)}")
-    own = kind in _OWN and source != "forearm"
-    check_extra(*(() if own else ("sklearn",)), "matplotlib")
-    module, name = KINDS[kind].split(":")
-    make = getattr(import_module(module), name).fit
-    options = read_settings(make, settings)
-    with working("data") as done:
-        data = load_data(source, joints, per_score, seed, folds, done)
-    screen = console()
-    screen.print(Text(f"{len(data)} points of {len(data.coordinates)} coordinates: {data.source}"))
 
     def fit_one(part: DataSet, progress: Callable[[float], None] | None = None) -> LearnedCost:
         own = dict(options)
@@ -171,7 +163,7 @@ def fit(
     with working(f"fitting {kind} to all points") as done:
         cost = fit_one(data, done)
     unseen = quality_of(values, data.labels)
-    folder = make_folder(out, f"fit-{kind}")
+    folder = make_out()
     model, picture = folder / f"{kind}.npz", folder / f"{kind}.png"
     with writing(folder):
         prediction_picture(values, data.labels, f"{kind}: predictions of unseen points", picture)
@@ -183,11 +175,14 @@ def fit(
         "unseen": unseen.as_dict(),
     }
     cost.save(model, notes)
-    screen.print(
-        _table(
-            kind, quality_of(cost.predict(data.points), data.labels), unseen, found, _constant(data)
-        )
-    )
+    rows = {
+        "points it was fitted to": quality_of(cost.predict(data.points), data.labels),
+        "unseen points": unseen,
+        "always the median score": quality_of(
+            np.full(len(data), np.median(data.labels)), data.labels
+        ),
+    }
+    screen.print(_table(kind, rows, float(np.std([fold.mae for fold in found]))))
     time = evaluation_time(cost.value_and_gradient, cost.coordinates.spread(data.points[:200]))
     screen.print(
         Text(f"value and gradient {time:.0f} µs, model {model.stat().st_size / 1e3:.0f} kB")
@@ -268,65 +263,35 @@ def read_settings(make: Callable[..., Any], settings: Sequence[str]) -> dict[str
     return options
 
 
-def _constant(data: DataSet) -> Quality:
-    return quality_of(np.full(len(data), np.median(data.labels)), data.labels)
-
-
-def _table(
-    kind: str, seen: Quality, unseen: Quality, folds: Sequence[Quality], constant: Quality
-) -> Table:
-    spread = np.std([fold.mae for fold in folds])
-    rows: Mapping[str, Quality] = {
-        "points it was fitted to": seen,
-        "unseen points": unseen,
-        "always the median score": constant,
-    }
-    table = Table(title=f"{kind}: predicted score against the label", title_justify="left")
-    table.add_column("")
-    for name in ("mean error, points", "exact", "within 1", "rank correlation", "worst, points"):
-        table.add_column(name, justify="right")
-    for name, found in rows.items():
-        error = f"{found.mae:.3f}" + (f" ± {spread:.3f}" if name == "unseen points" else "")
-        table.add_row(
-            name,
-            error,
-            f"{found.exact:.1%}",
-            f"{found.within1:.1%}",
-            f"{found.spearman:.3f}",
-            f"{found.worst:.2f}",
-        )
-    return table
+def _table(kind: str, found: Mapping[str, Quality], spread: float) -> Table:
+    rows = []
+    for name, each in found.items():
+        error = f"{each.mae:.3f}" + (f" ± {spread:.3f}" if name == "unseen points" else "")
+        shares = (f"{each.exact:.1%}", f"{each.within1:.1%}")
+        rows.append((name, error, *shares, f"{each.spearman:.3f}", f"{each.worst:.2f}"))
+    title = f"{kind}: predicted score against the label"
+    head = ("mean error, points", "exact", "within 1", "rank correlation", "worst, points")
+    return table_of(title, ("", *head), rows, framed=True)
 
 
 def fit_boundary(
-    source: str,
-    joints: str,
-    per_score: int,
+    data: DataSet,
+    options: dict[str, Any],
     seed: int,
     folds: int,
-    settings: Sequence[str],
-    out: Path | None,
+    screen: Console,
+    make_out: Callable[[], Path],
 ) -> None:
     """Fit a one-class SVM, print how many unseen points are inside, and write the model.
 
     Args:
-        source: as for `fit`.
-        joints: likewise.
-        per_score: likewise.
-        seed: seed of data and folds.
+        data: points; their labels do not matter.
+        options: options of `OneClass.fit`.
+        seed: seed of the folds.
         folds: number of folds of the cross-validation, at least 2.
-        settings: ``name=value`` of `OneClass.fit`.
-        out: folder of the results.
-
-    Raises:
-        ErgoqpError: if an argument cannot be used.
+        screen: console for the table.
+        make_out: returns the folder of the results.
     """
-    check_extra("sklearn")
-    options = read_settings(OneClass.fit, settings)
-    with working("data") as done:
-        data = load_data(source, joints, per_score, seed, folds, done)
-    screen = console()
-    screen.print(Text(f"{len(data)} points of {len(data.coordinates)} coordinates: {data.source}"))
     fold = np.random.default_rng(seed).permutation(len(data)) % folds
     inside = []
     with working(f"cross-validation, {folds} folds") as done:
@@ -335,13 +300,12 @@ def fit_boundary(
             inside.append(float((model.margin(data.points[fold == number]) >= 0).mean()))
             done((number + 1) / folds)
     model = OneClass.fit(data.points, data.coordinates, **options)
-    table = Table(title="boundary: points inside", title_justify="left")
-    table.add_column("")
-    table.add_column("inside", justify="right")
-    table.add_row("points it was fitted to", f"{(model.margin(data.points) >= 0).mean():.1%}")
-    table.add_row("unseen points", f"{np.mean(inside):.1%} ± {np.std(inside):.1%}")
-    path = make_folder(out, "fit-boundary") / "boundary.npz"
+    rows = [
+        ("points it was fitted to", f"{(model.margin(data.points) >= 0).mean():.1%}"),
+        ("unseen points", f"{np.mean(inside):.1%} ± {np.std(inside):.1%}"),
+    ]
+    path = make_out() / "boundary.npz"
     model.save(path)
-    screen.print(table)
+    screen.print(table_of("boundary: points inside", ("", "inside"), rows, framed=True))
     screen.print(Text(f"{len(model.weights)} kernels, {path.stat().st_size / 1e3:.0f} kB"))
     screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)

@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Annotated, cast, get_args
 
 import numpy as np
-import typer
 from rich.console import Group as Stack
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from ergoqp.arguments import MOST_WHOLE, check_whole
+from ergoqp.arguments import check_whole
 from ergoqp.cli.common import (
     console,
     counted,
@@ -23,7 +21,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import Jobs, ProblemName, Starts, out_option
+from ergoqp.cli.options import Jobs, ProblemName, Starts, option, out_option
 from ergoqp.cli.population import numbers_of
 from ergoqp.errors import InputError
 from ergoqp.lab.group import MOST_STARTS, GroupOptimum, best_for_group
@@ -31,6 +29,7 @@ from ergoqp.lab.group_search import GroupPerson, Objective, drawn_people, read_p
 from ergoqp.lab.population import variant
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
+from ergoqp.report.tables import table_of
 
 ABOUT = """Find the one fixed place of the object that is best for several people.
 
@@ -52,30 +51,25 @@ def command(
     name: ProblemName,
     people: Annotated[
         str,
-        typer.Option(
-            "--people",
-            metavar="M,...|N",
-            help="Statures in metres, or the number of people to draw.",
-            show_default=False,
+        option(
+            "M,...|N", "Statures in metres, or the number of people to draw.", show_default=False
         ),
     ],
     objective: Annotated[
         str,
-        typer.Option("--objective", metavar="NAME", help="minimax or mean of the exact scores."),
+        option("NAME", "minimax or mean of the exact scores."),
     ] = "minimax",
     hands: Annotated[
         str | None,
-        typer.Option("--hands", metavar="NAME", help="right, left or both [the problem's]."),
+        option("NAME", "right, left or both [the problem's]."),
     ] = None,
     load_kg: Annotated[
         float | None,
-        typer.Option("--load-kg", metavar="KG", help="Mass of the tool [the problem's]."),
+        option("KG", "Mass of the tool [the problem's]."),
     ] = None,
     starts: Starts = 4,
     jobs: Jobs = 1,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Seed of the first person that is drawn.")
-    ] = 0,
+    seed: Annotated[int, option("N", "Seed of the first person that is drawn.")] = 0,
     out: Annotated[Path | None, out_option("group-PROBLEM")] = None,
 ) -> None:
     """Find the place, print the tables; write ``group.json``, ``group.npz``, ``report.html``.
@@ -87,12 +81,9 @@ def command(
         raise InputError(
             f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
         )
-    for option, number, least, most in (
-        ("starts", starts, 1, MOST_STARTS),
-        ("seed", seed, 0, MOST_WHOLE),
-        ("jobs", jobs, 1, MOST_WHOLE),
-    ):
-        check_whole(option, number, least, most)
+    check_whole("starts", starts, 1, MOST_STARTS)
+    check_whole("seed", seed, 0)
+    check_whole("jobs", jobs, 1)
     problem = variant(load_person_problem(name), hands=hands, load_kg=load_kg)
     crew = _people(problem, people, seed)
     folder = make_folder(out, f"group-{problem.name}")
@@ -124,33 +115,21 @@ def group_table(found: GroupOptimum) -> RenderableType:
     title = Text(
         f"{found.title}: object at x {x:z.2f}, y {y:z.2f}, z {z:z.2f} m ({found.objective})"
     )
-    people = Table(box=None, pad_edge=False)
-    for name in ("person", "REBA", "alone", "pays", "risk"):
-        people.add_column(name, justify="left" if name in ("person", "risk") else "right")
-    for member in found.members:
-        level = int(palette.level_of_score(member.reba))
-        row = (
-            str(member.reba),
-            str(member.own_reba),
-            str(member.pays),
-            palette.risk_of_level(level),
-        )
-        people.add_row(Text(member.label), *row)
-    people.add_row("highest", str(found.maximum), "", "", "")
-    people.add_row(
-        "mean",
-        f"{found.mean:.2f}",
-        f"{found.own_mean:.2f}",
-        f"{found.mean - found.own_mean:.2f}",
-        "",
+    people = [
+        (Text(m.label), str(m.reba), str(m.own_reba), str(m.pays), palette.risk_of_score(m.reba))
+        for m in found.members
+    ]
+    means = [f"{mean:.2f}" for mean in (found.mean, found.own_mean, found.mean - found.own_mean)]
+    people += [("highest", str(found.maximum)), ("mean", *means)]
+    free = [
+        (FREE[axis], str(highest), f"{mean:.2f}") for axis, (highest, mean) in found.free.items()
+    ]
+    return Stack(
+        title,
+        table_of(None, ("person", "REBA", "alone", "pays", "risk"), people, words=(0, 4)),
+        Text(""),
+        table_of(None, ("adjustable", "highest", "mean"), free),
     )
-    free = Table(box=None, pad_edge=False)
-    free.add_column("adjustable")
-    for name in ("highest", "mean"):
-        free.add_column(name, justify="right")
-    for axis, (highest, mean) in found.free.items():
-        free.add_row(FREE[axis], str(highest), f"{mean:.2f}")
-    return Stack(title, people, Text(""), free)
 
 
 def _people(problem: Problem, people: str, seed: int) -> tuple[GroupPerson, ...]:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from rich.table import Table
 from rich.text import Text
 
@@ -17,20 +16,28 @@ from ergoqp.cli.common import (
     load_person_problem,
     make_folder,
     print_assumptions,
+    score_words,
     working,
     write_report,
     writing,
 )
-from ergoqp.cli.options import At, ProblemName, RecordingOptions, SearchOptions, grouped, out_option
+from ergoqp.cli.options import (
+    At,
+    ProblemName,
+    RecordingOptions,
+    SearchOptions,
+    grouped,
+    option,
+    out_option,
+)
 from ergoqp.cli.run import frame_of_recording
 from ergoqp.human import Body
-from ergoqp.human.person_file import given_person
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.report.page import plain
-from ergoqp.sheets.reba import ACTION_LEVELS
+from ergoqp.report.tables import table_of
 
 ABOUT = """Find the best place of the object for one person, offline.
 
@@ -53,9 +60,7 @@ def command(
     name: ProblemName,
     recording: Annotated[
         Path | None,
-        typer.Option(
-            "--from", metavar="RECORDING", help="Start with posture and person of a recording."
-        ),
+        option("RECORDING", "Start with posture and person of a recording.", "--from"),
     ] = None,
     at: At = None,
     out: Annotated[Path | None, out_option("optimise-PROBLEM")] = None,
@@ -110,11 +115,7 @@ def _who(
     """Return the posture, the body of the person, and the assumptions."""
     if recording_path is None:
         read.refuse_without_recording(at)
-        return (
-            None,
-            None if read.person_value is None else given_person(read.person_value),
-            [],
-        )
+        return None, read.body, []
     with working(f"reading {recording_path.name}"):
         recording = read.load(recording_path)
     frame = frame_of_recording(problem, recording, at)
@@ -135,36 +136,25 @@ def optimum_table(problem: Problem, found: list[Optimum]) -> Table:
         found: optima of the same problem and person; the first also gives the start.
     """
     first = found[0]
-    table = Table(title=Text(first.title), title_justify="left")
-    for name in ("", "now", *(NAMES[optimum.mode] for optimum in found)):
-        table.add_column(name, justify="right" if name else "left")
     postures = [first.posture_before, *(optimum.posture for optimum in found)]
-    table.add_row("REBA", *(_level(problem, posture) for posture in postures))
-    table.add_row(
-        "smooth cost, points",
-        f"{first.cost_before:.2f}",
-        *(f"{optimum.cost_after:.2f}" for optimum in found),
-    )
+    costs = [first.cost_before, *(optimum.cost_after for optimum in found)]
     poses = [first.pose_before, *(optimum.pose for optimum in found)]
-    table.add_row(
-        "object x, y, z, m",
-        *(", ".join(f"{value:z.2f}" for value in pose[:3, 3]) for pose in poses),
-    )
-    table.add_row(
-        "tool axis", *(", ".join(f"{value:z.2f}" for value in pose[:3, 0]) for pose in poses)
-    )
-    table.add_row("optimality residual", "", *(plain(each.kkt_residual, 1) for each in found))
-    reached = [
-        sum(trial.reba == optimum.reba_after for trial in optimum.trials) for optimum in found
+    ends = [[trial.reba for trial in optimum.trials] for optimum in found]
+    at_best = [
+        f"{scores.count(optimum.reba_after)} of {len(scores)}"
+        for scores, optimum in zip(ends, found, strict=True)
     ]
-    starts = [
-        f"{count} of {len(optimum.trials)}" for count, optimum in zip(reached, found, strict=True)
+    rows = [
+        ("REBA", *(score_words(problem, posture) for posture in postures)),
+        ("smooth cost, points", *(f"{cost:.2f}" for cost in costs)),
+        ("object x, y, z, m", *(_vector(pose[:3, 3]) for pose in poses)),
+        ("tool axis", *(_vector(pose[:3, 0]) for pose in poses)),
+        ("optimality residual", "", *(plain(each.kkt_residual, 1) for each in found)),
+        ("starts that end at this score", "", *at_best),
     ]
-    table.add_row("starts that end at this score", "", *starts)
-    return table
+    head = ("", "now", *(NAMES[optimum.mode] for optimum in found))
+    return table_of(Text(first.title), head, rows, framed=True)
 
 
-def _level(problem: Problem, posture: np.ndarray) -> str:
-    """Return the score of a posture with its action level in words."""
-    assessment = problem.assess(posture)
-    return f"{assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"
+def _vector(values: np.ndarray) -> str:
+    return ", ".join(f"{value:z.2f}" for value in values)

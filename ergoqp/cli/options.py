@@ -13,6 +13,8 @@ import typer
 
 from ergoqp.arguments import check_whole
 from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.human.person_file import given_person
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.placing.program import check_names
 
@@ -26,6 +28,18 @@ class Up(StrEnum):
     minus_x = "-x"
     minus_y = "-y"
     minus_z = "-z"
+
+
+def option(metavar: str, words: str, *names: str, **more: Any) -> Any:
+    """Return an option of a command, named after its parameter if no names are given.
+
+    Args:
+        metavar: what its value is.
+        words: text of the help.
+        names: names such as ``--from``.
+        more: as for `typer.Option`.
+    """
+    return typer.Option(*names, metavar=metavar, help=words, **more)
 
 
 ProblemName = Annotated[
@@ -49,18 +63,17 @@ AnyProblem = Annotated[
 ]
 At = Annotated[
     float | None,
-    typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame]."),
+    option("SECONDS", "When in the recording [its worst-scored frame]."),
 ]
 Guide = Annotated[
     str | None,
-    typer.Option(
-        "--guide",
-        metavar="best|FILE",
-        help="A place for the object to go to: best (searched first) or an optimum.json [none].",
+    option(
+        "best|FILE",
+        "A place for the object to go to: best (searched first) or an optimum.json [none].",
     ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Number of processes.")]
-Starts = Annotated[int, typer.Option("--starts", metavar="N", help="Number of starts.")]
+Jobs = Annotated[int, option("N", "Number of processes.")]
+Starts = Annotated[int, option("N", "Number of starts.")]
 
 
 @dataclass(frozen=True)
@@ -69,19 +82,11 @@ class RecordingOptions:
 
     person: Annotated[
         str | None,
-        typer.Option(
-            "--person",
-            metavar="M|FILE",
-            help="Stature in metres, or a person file (TOML) [measured in the recording].",
-        ),
+        option("M|FILE", "Stature in metres, or a person file (TOML) [measured in the recording]."),
     ] = None
     unit_to_m: Annotated[
         float | None,
-        typer.Option(
-            "--unit-to-m",
-            metavar="M",
-            help="Size of the recording's unit of length in metres [found].",
-        ),
+        option("M", "Size of the recording's unit of length in metres [found]."),
     ] = None
     up: Annotated[
         Up | None,
@@ -89,59 +94,54 @@ class RecordingOptions:
     ] = None
     mapping: Annotated[
         Path | None,
-        typer.Option(
-            "--mapping",
-            metavar="FILE",
-            help="TOML file that names the recording's joints or markers [known namings].",
-        ),
+        option("FILE", "TOML file that names the recording's joints or markers [known namings]."),
     ] = None
     neutral: Annotated[
         str | None,
-        typer.Option(
-            "--neutral",
-            metavar="SECONDS|FILE|vertical",
-            help="When the person stands straight, or another recording in which they do;"
+        option(
+            "SECONDS|FILE|vertical",
+            "When the person stands straight, or another recording in which they do;"
             " vertical: the trunk is measured to the vertical [found].",
         ),
     ] = None
     window: Annotated[
         str | None,
-        typer.Option("--window", metavar="FROM:TO", help="Seconds of the recording to read [all]."),
+        option("FROM:TO", "Seconds of the recording to read [all]."),
     ] = None
     subject: Annotated[
         str | None,
-        typer.Option(
-            "--subject",
-            metavar="NAME",
-            help="Whose posture, where there are several people [the only one].",
-        ),
+        option("NAME", "Whose posture, where there are several people [the only one]."),
     ] = None
     thing: Annotated[
         str | None,
-        typer.Option(
-            "--thing", metavar="NAME", help="The object that is held, where there are several."
-        ),
+        option("NAME", "The object that is held, where there are several."),
     ] = None
     columns: Annotated[
         str | None,
-        typer.Option(
-            "--columns",
-            metavar="NAMES",
-            help="Names of the points of a table without any, three columns each:"
-            " neck,right_elbow.",
+        option(
+            "NAMES",
+            "Names of the points of a table without any, three columns each: neck,right_elbow.",
         ),
     ] = None
     rate: Annotated[
         float | None,
-        typer.Option(
-            "--rate", metavar="HZ", help="Frames per second of a recording that has no times."
-        ),
+        option("HZ", "Frames per second of a recording that has no times."),
     ] = None
 
     @property
     def person_value(self) -> float | Path | None:
         """The stature as a number, or the path."""
         return _number_or_path(self.person)
+
+    @property
+    def body(self) -> Body | None:
+        """Body of the person that is given.
+
+        Raises:
+            InputError: if it is no stature, and no file that describes a person.
+        """
+        person = self.person_value
+        return None if person is None else given_person(person)
 
     @property
     def window_value(self) -> tuple[float, float] | None:
@@ -215,16 +215,12 @@ class SearchOptions:
 
     starts: Starts = 32
     jobs: Jobs = 1
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of the starts.")] = 0
+    seed: Annotated[int, option("N", "Seed of the starts.")] = 0
     mode: Annotated[
         str,
-        typer.Option(
-            "--mode", metavar="NAME", help="stackelberg; or cooperative: the posture is chosen too."
-        ),
+        option("NAME", "stackelberg; or cooperative: the posture is chosen too."),
     ] = "stackelberg"
-    solver: Annotated[
-        str, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod.")
-    ] = "ipopt"
+    solver: Annotated[str, option("NAME", "ipopt, fatrop or sqpmethod.")] = "ipopt"
 
     def check(self) -> None:
         """Check the options, before anything is read or written.
@@ -284,9 +280,7 @@ def out_option(*folders: str) -> Any:
         folders: names of the default folders in ``ergoqp-out``.
     """
     default = "ergoqp-out/" + ", ".join(folders)
-    return typer.Option(
-        "--out", metavar="DIR", parser=folder_of, help=f"Folder for the results [{default}]."
-    )
+    return option("DIR", f"Folder for the results [{default}].", parser=folder_of)
 
 
 def folder_of(text: str) -> Path:

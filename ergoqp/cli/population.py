@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.table import Table
 from rich.text import Text
 
@@ -21,11 +20,12 @@ from ergoqp.cli.common import (
     working,
     writing,
 )
-from ergoqp.cli.options import ProblemName, SearchOptions, grouped, out_option
+from ergoqp.cli.options import ProblemName, SearchOptions, grouped, option, out_option
 from ergoqp.errors import InputError
 from ergoqp.files.atomic import atomic_write
 from ergoqp.lab.population import Found, best_of_population, population
 from ergoqp.report.page import plain
+from ergoqp.report.tables import table_of
 
 ABOUT = """Find everybody's own best place, over statures, hands and loads.
 
@@ -57,24 +57,20 @@ def command(
     name: ProblemName,
     statures: Annotated[
         str,
-        typer.Option("--statures", metavar="M,...", help="Statures in metres.", show_default=False),
+        option("M,...", "Statures in metres.", show_default=False),
     ],
     hands: Annotated[
         str | None,
-        typer.Option("--hands", metavar="NAME,...", help="right, left, both [the problem's]."),
+        option("NAME,...", "right, left, both [the problem's]."),
     ] = None,
     loads_kg: Annotated[
         str | None,
-        typer.Option("--loads-kg", metavar="KG,...", help="Masses of the tool [the problem's]."),
+        option("KG,...", "Masses of the tool [the problem's]."),
     ] = None,
     out: Annotated[Path | None, out_option("population-PROBLEM")] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="A Dask cluster whose workers take the people [this machine].",
-        ),
+        option("ADDRESS", "A Dask cluster whose workers take the people [this machine]."),
     ] = None,
     *,
     search: SearchOptions,
@@ -109,28 +105,18 @@ def command(
 
 def population_table(title: str, found: Sequence[Found]) -> Table:
     """Return the best place of each person as a table for the terminal."""
-    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False)
-    for name in ("person", "before", "best", "x, m", "y, m", "z, m", "residual", "starts at best"):
-        table.add_column(name, justify="left" if name == "person" else "right")
+    rows = []
     for each in found:
         best = each.optimum
         if best is None:
-            table.add_row(Text(each.label), "–", "–", Text(each.note))
+            rows.append((Text(each.label), "–", "–", Text(each.note)))
             continue
-        x, y, z = (f"{value:z.2f}" for value in best.pose[:3, 3])
+        scores = (str(best.reba_before), str(best.reba_after))
+        place = [f"{value:z.2f}" for value in best.pose[:3, 3]]
         at_best = f"{each.starts_at_best} of {len(best.trials)}"
-        residual = plain(best.kkt_residual, 1)
-        table.add_row(
-            Text(each.label),
-            str(best.reba_before),
-            str(best.reba_after),
-            x,
-            y,
-            z,
-            residual,
-            at_best,
-        )
-    return table
+        rows.append((Text(each.label), *scores, *place, plain(best.kkt_residual, 1), at_best))
+    head = ("person", "before", "best", "x, m", "y, m", "z, m", "residual", "starts at best")
+    return table_of(Text(title), head, rows)
 
 
 def numbers_of(option: str, text: str, what: str, other: str = "") -> list[float]:

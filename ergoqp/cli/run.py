@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,14 +19,15 @@ from ergoqp.cli.common import (
     load_person_problem,
     make_folder,
     print_assumptions,
+    score_words,
     working,
     write_report,
     writing,
 )
-from ergoqp.cli.options import At, ProblemName, RecordingOptions, grouped, out_option
+from ergoqp.cli.options import At, ProblemName, RecordingOptions, grouped, option, out_option
 from ergoqp.cli.options import Guide as GuideName
 from ergoqp.errors import InputError
-from ergoqp.human.person_file import given_person
+from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.lab.population import person_of
 from ergoqp.lab.yardstick import rule_pose
@@ -38,13 +40,11 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person import Holding, SensorModel
 from ergoqp.seeking.tries import Place
-from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.loop import check_numbers
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.robot import RobotKind
-from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.guide import Guide, read_guide
 
@@ -79,18 +79,16 @@ class Simulated:
     ] = False
     robot: Annotated[
         str | None,
-        typer.Option(
-            "--robot",
-            metavar="NAME=VALUE,...",
-            help="Errors of the simulated robot, such as lag=0.1,gain=1.02 [as declared].",
+        option(
+            "NAME=VALUE,...",
+            "Errors of the simulated robot, such as lag=0.1,gain=1.02 [as declared].",
         ),
     ] = None
     bias_deg: Annotated[
         str | None,
-        typer.Option(
-            "--bias-deg",
-            metavar="JOINT=DEG,...",
-            help="Constant errors of measured angles, such as right_knee_flexion=5 [none].",
+        option(
+            "JOINT=DEG,...",
+            "Constant errors of measured angles, such as right_knee_flexion=5 [none].",
         ),
     ] = None
     as_seen: Annotated[
@@ -101,10 +99,9 @@ class Simulated:
     ] = False
     follower: Annotated[
         str,
-        typer.Option(
-            "--follower",
-            metavar="KIND",
-            help="Kind of person: alike (like the controller's model), follower, dead_zone,"
+        option(
+            "KIND",
+            "Kind of person: alike (like the controller's model), follower, dead_zone,"
             " stubborn, stepping, pushed, looking, trembling or mass.",
         ),
     ] = "alike"
@@ -115,23 +112,26 @@ class Simulated:
         Raises:
             InputError: if a name is unknown, or a value is not a number.
         """
-        self.terms(SensorModel())
+        self.robot_kind()
+        self.senses(SensorModel())
         if self.follower not in KINDS:
             raise InputError(
                 f"--follower: got {self.follower!r}, allowed one of {', '.join(KINDS)}"
             )
 
-    def terms(self, senses: SensorModel) -> dict[str, Any]:
-        """Return the arguments of `simulate` for a person with such senses."""
-        terms: dict[str, Any] = {}
-        if self.robot is not None:
-            names = [entry.name for entry in fields(RobotKind)]
-            terms["robot"] = RobotKind(**_pairs("--robot", self.robot, names))
-        if self.bias_deg is not None:
-            terms["senses"] = replace(
-                senses, bias_deg={**senses.bias_deg, **_pairs("--bias-deg", self.bias_deg, JOINTS)}
-            )
-        return terms
+    def robot_kind(self) -> RobotKind | None:
+        """Return the robot that is asked for; None: as declared."""
+        if self.robot is None:
+            return None
+        names = [entry.name for entry in fields(RobotKind)]
+        return RobotKind(**_pairs("--robot", self.robot, names))
+
+    def senses(self, own: SensorModel) -> SensorModel:
+        """Return a person's sensors with the constant errors that are asked for."""
+        if self.bias_deg is None:
+            return own
+        errors = _pairs("--bias-deg", self.bias_deg, JOINTS)
+        return replace(own, bias_deg={**own.bias_deg, **errors})
 
 
 @grouped(read=RecordingOptions, simulated=Simulated)
@@ -139,21 +139,15 @@ def command(
     name: ProblemName,
     recording: Annotated[
         Path | None,
-        typer.Option(
-            "--from",
-            metavar="RECORDING",
-            help="Start in a posture of a recording, with its person's body.",
-        ),
+        option("RECORDING", "Start in a posture of a recording, with its person's body.", "--from"),
     ] = None,
     at: At = None,
     out: Annotated[Path | None, out_option("PROBLEM")] = None,
     seed: Annotated[
         int,
-        typer.Option("--seed", metavar="N", help="Seed of the person, the noise and the start."),
+        option("N", "Seed of the person, the noise and the start."),
     ] = 0,
-    duration: Annotated[
-        float, typer.Option("--duration", metavar="SECONDS", help="Duration of the run.")
-    ] = 20.0,
+    duration: Annotated[float, option("SECONDS", "Duration of the run.")] = 20.0,
     *,
     read: RecordingOptions,
     guide: GuideName = None,
@@ -174,12 +168,7 @@ def command(
         read.refuse_without_recording(at)
         if simulated.as_seen:
             raise InputError("--as-seen: got it, but there is no recording; name one with --from")
-        places = places_to_try(problem) if simulated.seek else None
-        place = None if guide is None else guide_named(problem, guide)
-        folder = make_folder(out, problem.name)
-        result = _from_awkward_place(
-            problem, screen, seed, duration, read, place, simulated, places
-        )
+        begin = partial(_at_awkward_place, problem, screen, seed, read.body, simulated)
     else:
         with working(f"reading {recording.name}"):
             taken = read.load(recording)
@@ -188,26 +177,28 @@ def command(
         screen.print(
             Text(
                 f"starts at {which}, {frame} of 0 to {len(taken.time) - 1}, at"
-                f" {taken.time[frame]:.2f} s:"
-                f" {_score(problem, taken.postures[frame])}"
+                f" {taken.time[frame]:.2f} s: REBA {score_words(problem, taken.postures[frame])}"
             )
         )
         problem, posture, notes = as_recorded(problem, taken, frame)
-        places = places_to_try(problem) if simulated.seek else None
-        place = None if guide is None else guide_named(problem, guide)
-        folder = make_folder(out, problem.name)
-        result = _from_recording(
+        begin = partial(
+            _as_recorded, problem, taken, recording.name, frame, posture, notes, seed, simulated
+        )
+    places = places_to_try(problem) if simulated.seek else None
+    place = None if guide is None else guide_named(problem, guide)
+    folder = make_folder(out, problem.name)
+    start, terms = begin()
+    with working(f"closed loop, {duration:g} s") as done:
+        result = simulate(
             problem,
-            taken,
-            recording.name,
-            frame,
-            posture,
-            notes,
-            seed,
+            start,
             duration,
-            place,
-            simulated,
-            places,
+            seed,
+            progress=done,
+            guide=place,
+            seek=places,
+            robot=simulated.robot_kind(),
+            **terms,
         )
     with writing(folder):
         result.save(folder)
@@ -233,42 +224,24 @@ def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
     return pairs
 
 
-def _from_awkward_place(
-    problem: Problem,
-    screen: Console,
-    seed: int,
-    duration: float,
-    read: RecordingOptions,
-    guide: Guide | None,
-    how: Simulated,
-    places: list[Place] | None,
-) -> Run:
-    body = None if read.person_value is None else given_person(read.person_value)
+def _at_awkward_place(
+    problem: Problem, screen: Console, seed: int, body: Body | None, how: Simulated
+) -> tuple[Holding, dict[str, Any]]:
+    """Return the person at an awkward place, and terms of `simulate`."""
     with working("looking for an awkward place"):
         person = person_of_kind(how.follower, problem, seed, body)
         place, posture = awkward_place(problem, person, seed)
-        terms = how.terms(person.senses)
-        start = person.at(place, terms.pop("senses", None), seed)
-    screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
+        start = person.at(place, how.senses(person.senses), seed)
+    words = f"starts at the worst of {PLACES} random places: REBA {score_words(problem, posture)}"
+    screen.print(Text(words))
     note = (
         f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed"
         f" {seed})."
     )
-    with working(f"closed loop, {duration:g} s") as done:
-        return simulate(
-            problem,
-            start,
-            duration,
-            seed,
-            assumptions=[note],
-            progress=done,
-            guide=guide,
-            seek=places,
-            **terms,
-        )
+    return start, {"assumptions": [note]}
 
 
-def _from_recording(
+def _as_recorded(
     problem: Problem,
     recording: Recording,
     name: str,
@@ -276,15 +249,12 @@ def _from_recording(
     posture: np.ndarray,
     notes: list[str],
     seed: int,
-    duration: float,
-    place: Guide | None,
     how: Simulated,
-    places: list[Place] | None,
-) -> Run:
+) -> tuple[Holding, dict[str, Any]]:
+    """Return the person of a recording, and terms of `simulate`."""
     time = float(recording.time[frame])
     person = person_of_kind(how.follower, problem, seed, recording.person)
-    terms = how.terms(person.senses)
-    start = person.hold(posture, terms.pop("senses", None), seed)
+    start = person.hold(posture, how.senses(person.senses), seed)
     start.rest(start.pose)
     taken = np.stack([recording.postures[frame], start.posture])
     scores = problem.assess(taken).final
@@ -308,21 +278,13 @@ def _from_recording(
         )
         + ": it is assumed to be in the hand as the problem states.",
     ]
-    with working(f"closed loop, {duration:g} s") as done:
-        return simulate(
-            problem,
-            start,
-            duration,
-            seed,
-            observed=recording.observed[frame] if how.as_seen else None,
-            recording=name,
-            start_time=time,
-            assumptions=notes,
-            progress=done,
-            guide=place,
-            seek=places,
-            **terms,
-        )
+    observed = recording.observed[frame] if how.as_seen else None
+    return start, {
+        "observed": observed,
+        "recording": name,
+        "start_time": time,
+        "assumptions": notes,
+    }
 
 
 def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
@@ -341,11 +303,6 @@ def frame_of_recording(problem: Problem, recording: Recording, at: float | None)
     if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):
         raise InputError(f"--at: got {at:g} s, allowed {first:.2f} to {last:.2f} s")
     return int(np.argmin(np.abs(recording.time - at)))
-
-
-def _score(problem: Problem, posture: np.ndarray) -> str:
-    assessment = problem.assess(posture)
-    return f"REBA {assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"
 
 
 def places_to_try(problem: Problem) -> list[Place]:

@@ -17,7 +17,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import RecordingOptions, grouped, out_option
+from ergoqp.cli.options import RecordingOptions, grouped, option, out_option
 from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
@@ -31,6 +31,7 @@ from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table
 from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method, assess
+from ergoqp.simulation.description import in_words
 
 ABOUT = """Score every frame of a recording by REBA.
 
@@ -81,23 +82,17 @@ def command(
         ),
     ],
     out: Annotated[Path | None, out_option("RECORDING")] = None,
-    load_kg: Annotated[float, typer.Option("--load-kg", metavar="KG", help="Mass handled.")] = 0.0,
+    load_kg: Annotated[float, option("KG", "Mass handled.")] = 0.0,
     shock: Annotated[
         bool, typer.Option("--shock", help="Shock or a rapid build-up of force.")
     ] = False,
     coupling: Annotated[
         int,
-        typer.Option(
-            "--coupling", metavar="0-3", help="Grip: 0 good, 1 fair, 2 poor, 3 unacceptable."
-        ),
+        option("0-3", "Grip: 0 good, 1 fair, 2 poor, 3 unacceptable."),
     ] = 0,
     activity: Annotated[
         int,
-        typer.Option(
-            "--activity",
-            metavar="0-3",
-            help="One for each of: static, repeated, rapid large changes.",
-        ),
+        option("0-3", "One for each of: static, repeated, rapid large changes."),
     ] = 0,
     seated: Annotated[bool, typer.Option("--seated", help="Knees are not counted.")] = False,
     one_leg: Annotated[
@@ -121,11 +116,7 @@ def command(
     ] = UpperArm.flexion,
     save_person: Annotated[
         Path | None,
-        typer.Option(
-            "--save-person",
-            metavar="FILE",
-            help="Write a person file for --person: measured lengths and marker places.",
-        ),
+        option("FILE", "Write a person file for --person: measured lengths and marker places."),
     ] = None,
     *,
     read: RecordingOptions,
@@ -181,21 +172,7 @@ def command(
 
 def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:
     """Return the options of the scoring as text."""
-    words = [("upper arm scored by", method.upper_arm)]
-    for name, value in task.items():
-        if isinstance(value, tuple):
-            text = (
-                " and ".join(
-                    side for side, there in zip(("right", "left"), value, strict=True) if there
-                )
-                or "no"
-            )
-        elif isinstance(value, bool):
-            text = "yes" if value else "no"
-        else:
-            text = f"{value:g}{' kg' if name.endswith('_kg') else ''}"
-        words.append((name.removesuffix("_kg").replace("_", " "), text))
-    return words
+    return [("upper arm scored by", method.upper_arm), *in_words(task)]
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

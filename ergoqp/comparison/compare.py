@@ -162,17 +162,15 @@ def figures_of(trials: Sequence[SolverTrial], accuracy: float) -> dict[str, floa
     good = [trial for trial in trials if trial.sequence.feasible]
     bad = [trial for trial in trials if not trial.sequence.feasible]
     cold = [trial for trial in good if not trial.warm]
-    figures: dict[str, float] = {
-        "qps": sum(len(trial.sequence) for trial in trials if not trial.warm)
-    }
+    count = sum(len(trial.sequence) for trial in trials if not trial.warm)
+    figures: dict[str, float] = {"qps": count}
     for tolerance in TOLERANCES:
         figures[f"success_{tidy(tolerance)}"] = _mean([trial.success(tolerance) for trial in good])
     figures["wrong_solved"] = _count([trial.wrong(accuracy) & trial.found for trial in good])
     figures["wrong_infeasible"] = _count([trial.flags == "infeasible" for trial in good])
     figures["solved_infeasible"] = _count([trial.found for trial in bad])
-    figures["wrong_flags"] = (
-        figures["wrong_solved"] + figures["wrong_infeasible"] + figures["solved_infeasible"]
-    )
+    kinds = ("wrong_solved", "wrong_infeasible", "solved_infeasible")
+    figures["wrong_flags"] = sum(figures[kind] for kind in kinds)
     if bad:
         figures["infeasible_named"] = _mean([trial.flags == "infeasible" for trial in bad])
     counted = [
@@ -193,11 +191,11 @@ def _warm(trials: Sequence[SolverTrial]) -> dict[str, float]:
     cold = [trial for trial in trials if not trial.warm and trial.sequence.name in names]
     if not warm or not cold:
         return {}
-    times = [
+    took, cold_took = (
         shifted_geometric_mean(np.concatenate([trial.seconds for trial in kind]))
         for kind in (warm, cold)
-    ]
-    figures = {"warm_us": 1e6 * times[0], "warm_ratio": times[0] / times[1]}
+    )
+    figures = {"warm_us": 1e6 * took, "warm_ratio": took / cold_took}
     counts = [_iterations("i", kind).get("i", np.nan) for kind in (warm, cold)]
     if counts[1] > 0:
         figures["warm_iterations_ratio"] = counts[0] / counts[1]
@@ -265,45 +263,22 @@ def _draw_times(
 ) -> None:
     rng = np.random.default_rng(0)
     for place, name in enumerate(names):
-        kinds = (
-            ((False, _COLD, 0.18), (True, _WARM, -0.18))
-            if solver_named(name).warm
-            else ((False, _COLD, 0.0),)
-        )
+        recorded = [one for one in trials if one.solver == name and one.sequence.follows]
+        kinds = ((False, _COLD, 0.0),)
+        if solver_named(name).warm:
+            kinds = ((False, _COLD, 0.18), (True, _WARM, -0.18))
         for warm, colour, above in kinds:
-            its = [
-                one
-                for one in trials
-                if one.solver == name and one.warm == warm and one.sequence.follows
-            ]
+            its = [one for one in recorded if one.warm == warm]
             micros = 1e6 * np.concatenate([one.seconds for one in its])
             good = np.concatenate([one.success(accuracy) for one in its])
             height = -place + above + rng.uniform(-0.11, 0.11, len(micros))
-            axes.scatter(
-                micros[good],
-                height[good],
-                s=4,
-                color=colour,
-                alpha=0.35,
-                linewidths=0,
-                rasterized=True,
-            )
-            axes.scatter(
-                micros[~good],
-                height[~good],
-                s=8,
-                color=_LATE,
-                marker="x",
-                linewidths=0.7,
-                rasterized=True,
-            )
-            median = np.median(micros)
-            axes.plot(
-                [median, median],
-                [-place + above - 0.15, -place + above + 0.15],
-                color=colour,
-                linewidth=2.4,
-            )
+            dots = {"s": 4, "color": colour, "alpha": 0.35, "linewidths": 0}
+            crosses = {"s": 8, "color": _LATE, "marker": "x", "linewidths": 0.7}
+            for here, look in ((good, dots), (~good, crosses)):
+                axes.scatter(micros[here], height[here], rasterized=True, **look)
+            middle, median = -place + above, np.median(micros)
+            ends = [middle - 0.15, middle + 0.15]
+            axes.plot([median, median], ends, color=colour, linewidth=2.4)
     for colour, label in ((_COLD, "cold"), (_WARM, "warm")):
         axes.plot([], [], color=colour, linewidth=2.4, label=label)
     axes.scatter([], [], s=14, color=_LATE, marker="x", label="not solved")
@@ -311,14 +286,8 @@ def _draw_times(
     axes.set_yticks([-place for place in range(len(names))], names)
     axes.set_ylim(-len(names) + 0.4, 0.6)
     axes.set_xlabel("time of a recorded QP, µs (lines: medians)")
-    axes.legend(
-        frameon=False,
-        ncols=3,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        fontsize=9,
-        handletextpad=0.4,
-    )
+    where = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
+    axes.legend(frameon=False, ncols=3, fontsize=9, handletextpad=0.4, **where)
 
 
 def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[SolverTrial]) -> None:
@@ -332,10 +301,8 @@ def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[SolverTria
         there = np.isfinite(worst)
         x = np.concatenate([worst[there], [1e3]])
         y = np.concatenate([share[there], [share[there][-1] if there.any() else 0.0]])
-        style = ("-", "--")[place % 2]
-        axes.step(
-            x, 100 * y, style, where="post", color=colour(place % 10), linewidth=1.6, label=name
-        )
+        look = {"color": colour(place % 10), "linewidth": 1.6, "label": name}
+        axes.step(x, 100 * y, ("-", "--")[place % 2], where="post", **look)
     for tolerance in TOLERANCES:
         axes.axvline(tolerance, color="#8a8a8a", linewidth=0.8, linestyle=(0, (2, 3)))
     axes.set_xscale("log")
@@ -409,10 +376,8 @@ class Comparison:
         # An old picture would be mistaken for that of this comparison.
         picture.unlink(missing_ok=True)
         names = sorted(self.figures, key=lambda name: self.figures[name]["sgm_us"])
-        title = (
-            f"{self.problem}: {sum(map(len, self.sequences))} QPs, solvers set to"
-            f" {tidy(self.accuracy)}"
-        )
+        count = sum(map(len, self.sequences))
+        title = f"{self.problem}: {count} QPs, solvers set to {tidy(self.accuracy)}"
         comparison_picture(title, names, self.trials, self.accuracy, picture)
         return path
 
@@ -534,6 +499,5 @@ def check(
     for name in found:
         # Raises for a wrong name or accuracy, and for a missing package.
         open_session(name, 1, 0, accuracy)
-    return found, (
-        () if solvers is not None else tuple(name for name in SOLVERS if name not in found)
-    )
+    missing = [name for name in SOLVERS if name not in found] if solvers is None else []
+    return found, tuple(missing)

@@ -75,10 +75,8 @@ class Boxes:
 
         def of(joint: int, points: int) -> Array:
             if (joint, points) not in outside:
-                ends = self.intervals[joint][points]
-                beyond = [
-                    np.maximum(low - angles[joint], angles[joint] - high) for low, high in ends
-                ]
+                angle, ends = angles[joint], self.intervals[joint][points]
+                beyond = [np.maximum(low - angle, angle - high) for low, high in ends]
                 outside[joint, points] = np.maximum(np.min(beyond, axis=0), 0) ** 2
             return outside[joint, points]
 
@@ -95,9 +93,8 @@ def boxes_of(method: Method) -> Boxes:
     by_joint = _intervals_by_joint(method)
     rest = np.zeros(len(JOINTS))
     for joint, intervals in by_joint.items():
-        rest[joint] = min(
-            (float(np.clip(0.0, low, high)) for low, high in intervals[min(intervals)]), key=abs
-        )
+        nearest = (float(np.clip(0.0, *interval)) for interval in intervals[min(intervals)])
+        rest[joint] = min(nearest, key=abs)
     moved = [by_joint[joint] for joint in ARM_INDEX]
     # One posture per combination of points, in bands that give exactly these. The exact score
     # is then computed from the sheet.
@@ -165,27 +162,8 @@ LENGTH_TOLERANCE: Final = 1e-6
 """Points whose distance differs from the length of the forearm by more are out of reach [m]."""
 
 _BEND_DEG: Final = (-40, -33, -26, -19, -14, -10, -7, -3.5, 0, 3.5, 7, 10, 14, 19, 26, 33, 40)
-_TWIST_DEG: Final = (
-    -45,
-    -38,
-    -31,
-    -24,
-    -17,
-    -13,
-    -10,
-    -7,
-    -3.5,
-    0,
-    3.5,
-    7,
-    10,
-    13,
-    17,
-    24,
-    31,
-    38,
-    45,
-)
+_ONE_WAY_DEG: Final = (3.5, 7, 10, 13, 17, 24, 31, 38, 45)
+_TWIST_DEG: Final = (*(-angle for angle in _ONE_WAY_DEG[::-1]), 0, *_ONE_WAY_DEG)
 _SHOULDER_DEG: Final = (
     *range(-60, -30, 10),
     -26,
@@ -326,23 +304,19 @@ class _Search:
         """Return lowest-score angles (n, 7) of `ARM_JOINTS` [rad], NaN if no posture reaches."""
         found = np.full((len(points), len(ARM_JOINTS)), np.nan)
         rows = np.arange(len(points))
-        solved = [
-            grid.solve(
-                self.arm, points, *(np.tile(axis.ravel(), (len(points), 1)) for axis in grid.nodes)
-            )
-            for grid in _GRIDS
-        ]
+        solved = []
+        for grid in _GRIDS:
+            nodes = (np.tile(axis.ravel(), (len(points), 1)) for axis in grid.nodes)
+            solved.append(grid.solve(self.arm, points, *nodes))
         for score in self.boxes.scores:
             for grid, (angles, missing) in zip(_GRIDS, solved, strict=True):
-                open_rows = np.flatnonzero(np.isnan(found[rows, 0]))
-                found[rows[open_rows]] = self._refine(
-                    grid, points[rows[open_rows]], angles[:, open_rows], missing[open_rows], score
+                left = np.flatnonzero(np.isnan(found[rows, 0]))
+                found[rows[left]] = self._refine(
+                    grid, points[rows[left]], angles[:, left], missing[left], score
                 )
             left = np.isnan(found[rows, 0])
-            rows, solved = (
-                rows[left],
-                [(angles[:, left], missing[left]) for angles, missing in solved],
-            )
+            rows = rows[left]
+            solved = [(angles[:, left], missing[left]) for angles, missing in solved]
             if not len(rows):
                 break
         return np.clip(found, LOWER[ARM_INDEX], UPPER[ARM_INDEX])
@@ -373,10 +347,7 @@ class _Search:
 
 def _best_of_stars(excess: Array) -> NDArray[np.int64]:
     """Return the best column of each seed's star (n, seeds), so that no valley takes all seeds."""
-    stars = (
-        excess.reshape(len(excess), 4, _SEEDS, len(_STAR))
-        .transpose(0, 2, 1, 3)
-        .reshape(len(excess), _SEEDS, -1)
-    )
-    solution, place = np.divmod(np.argmin(stars, axis=2), len(_STAR))
+    stars = excess.reshape(len(excess), 4, _SEEDS, len(_STAR)).transpose(0, 2, 1, 3)
+    least = np.argmin(stars.reshape(len(excess), _SEEDS, -1), axis=2)
+    solution, place = np.divmod(least, len(_STAR))
     return (solution * _SEEDS + np.arange(_SEEDS)) * len(_STAR) + place

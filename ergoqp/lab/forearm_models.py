@@ -116,16 +116,9 @@ def forearm_data(
         )
         return DataSet(points, labels, FOREARM, source)
 
-    asked = {
-        "version": 2,
-        "per_score": per_score,
-        "seed": seed,
-        "clusters": clusters,
-        "empty": empty,
-    }
-    data = (
-        cached_data("forearm", {**asked, "lengths": dict(body.lengths)}, make) if cache else make()
-    )
+    asked = {"version": 2, "per_score": per_score, "seed": seed, "clusters": clusters}
+    asked |= {"empty": empty, "lengths": dict(body.lengths)}
+    data = cached_data("forearm", asked, make) if cache else make()
     progress(1.0)
     return data
 
@@ -140,13 +133,11 @@ def nearest_sample_cost(points: ArrayLike, data: DataSet) -> Array:
         data: data with the same coordinates.
     """
     rows = read_points(points)
-    squares = (data.points**2).sum(axis=1)
-    parts = [squares - 2 * rows[i : i + 256] @ data.points.T for i in range(0, len(rows), 256)]
-    return (
-        data.labels[np.concatenate([np.argmin(part, axis=1) for part in parts])]
-        if parts
-        else np.empty(0)
-    )
+    squares, nearest = (data.points**2).sum(axis=1), np.empty(len(rows), dtype=int)
+    for i in range(0, len(rows), 256):
+        apart = squares - 2 * rows[i : i + 256] @ data.points.T
+        nearest[i : i + 256] = np.argmin(apart, axis=1)
+    return data.labels[nearest]
 
 
 def _make(
@@ -191,15 +182,11 @@ def _empty_points(
     found, distance = np.empty((0, 6)), np.empty(0)
     while len(found) < count:
         elbow, way = rng.uniform(low, high, (count, 3)), rng.normal(size=(count, 3))
-        drawn = np.hstack(
-            [elbow, elbow + length * way / np.linalg.norm(way, axis=1, keepdims=True)]
-        )
+        wrist = elbow + length * way / np.linalg.norm(way, axis=1, keepdims=True)
+        drawn = np.hstack([elbow, wrist])
         apart = tree.query(drawn)[0][:, 0]
         far = apart > EMPTY_DISTANCE
-        found, distance = (
-            np.concatenate([found, drawn[far]]),
-            np.concatenate([distance, apart[far]]),
-        )
+        found, distance = np.concatenate([found, drawn[far]]), np.append(distance, apart[far])
     return found[:count], SCORES[-1] + EMPTY_SLOPE * (distance[:count] - EMPTY_DISTANCE)
 
 
@@ -281,14 +268,12 @@ def _machine(data: DataSet) -> LearnedCost:
     forearm.
     """
     mean, scale = data.points.mean(axis=0), data.points.std(axis=0)
-    machine = sklearn("svm", "fitting a kernel cost").SVR(
-        C=10.0, gamma=0.25, epsilon=1.0, cache_size=500
-    )
+    regression = sklearn("svm", "fitting a kernel cost").SVR
+    machine = regression(C=10.0, gamma=0.25, epsilon=1.0, cache_size=500)
     machine.fit((data.points - mean) / scale, data.labels)
     centres, weights = machine.support_vectors_, machine.dual_coef_.ravel()
-    model = KernelSum(
-        Kernel("rbf", 0.25), centres, weights, float(machine.intercept_[0]), mean, scale
-    )
+    offset = float(machine.intercept_[0])
+    model = KernelSum(Kernel("rbf", 0.25), centres, weights, offset, mean, scale)
     cost = Svr(Columns(tuple(range(len(mean)))), model, data.coordinates, float(data.labels.min()))
     return reduced(cost, KERNELS, data)[0] if len(model) > KERNELS else cost
 
@@ -305,15 +290,8 @@ def _ladder(data: DataSet, rng: np.random.Generator) -> OneClassLadder:
     scores = scores[counts >= 20]
     chosen = [rng.permutation(np.flatnonzero(data.labels == score))[:RUNG] for score in scores]
     fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.3, gamma=0.5)
-    lowest = float(scores[0])
-    terms = (
-        fitted.rungs,
-        fitted.scores.tolist(),
-        data.coordinates,
-        lowest,
-        fitted.steepness,
-        fitted.pull,
-    )
+    lowest, levels = float(scores[0]), fitted.scores.tolist()
+    terms = (fitted.rungs, levels, data.coordinates, lowest, fitted.steepness, fitted.pull)
     return OneClassLadder(*terms, reach=fitted.reach, offset=lowest, height=1.0)
 
 

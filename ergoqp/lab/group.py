@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_args
 
@@ -241,9 +240,8 @@ MOST_STARTS = 100
 OWN_STARTS = 2
 """The same number for the best place of one person."""
 
-_NUMBERS = dict(
-    zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True)
-)  # numbers of a point that belong to each axis of the grid
+_NUMBERS = dict(zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True))
+"""Numbers of a point that belong to each axis of the grid."""
 _SHARES = (0.6, 0.85)  # share of the work that is done after the grid, and after the search
 
 
@@ -301,20 +299,19 @@ def best_for_group(
     _refuse_unreached(crew, grid)
     search = PlaceSearch(problem, crew, grid, objective)
     points = search.starts(starts)
-    calls = [(problem, crew, grid, objective, part) for part in _parts(points, jobs)]
+    # Each part builds the equations of everybody again, so there are as many as processes.
+    parts = np.array_split(points, len(points) if jobs == 1 else min(jobs, len(points)))
+    calls = [(problem, crew, grid, objective, part) for part in parts]
     found, placements = [], 0
     for n, (rests, used) in enumerate(in_order(_from_starts, calls, jobs), start=1):
         found += rests
         placements += used
         tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(calls))
     best = min(found, key=lambda rest: rest.key(objective))
-    own = []
-    for n, rest in enumerate(
-        in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs),
-        start=1,
-    ):
+    own, calls = [], [(problem, crew, grid, i, best.point) for i in range(count)]
+    for rest in in_order(_own_best, calls, jobs):
         own.append(rest)
-        tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
+        tell(_SHARES[1] + (1 - _SHARES[1]) * len(own) / count)
     # The first start is the best place of the grid itself, and every search also returns its
     # start.
     on_grid = min(found[1::2], key=lambda rest: rest.key(objective))
@@ -336,23 +333,12 @@ def best_for_group(
     )
 
 
-def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]]:
-    """Return the points one by one, or in as many parts as there are processes.
-
-    Each part has to build the equations of everybody again.
-    """
-    if jobs == 1:
-        return [[point] for point in points]
-    ends = np.linspace(0, len(points), min(jobs, len(points)) + 1).astype(int).tolist()
-    return [points[a:b] for a, b in pairwise(ends)]
-
-
 def _from_starts(
     problem: Problem,
     people: Sequence[GroupPerson],
     grid: SharedGrid,
     objective: Objective,
-    points: Sequence[np.ndarray],
+    points: np.ndarray,
 ) -> tuple[list[Equilibrium], int]:
     """Return the results of the search from every point, each followed by its start.
 
@@ -392,20 +378,15 @@ def _refuse_unreached(people: Sequence[GroupPerson], grid: SharedGrid) -> None:
     """
     if grid.reached_by_all.any():
         return
-    nowhere = [
-        person.label for person, scores in zip(people, grid.scores, strict=True) if not scores.any()
-    ]
+    labels = np.array([person.label for person in people])
+    nowhere = labels[~grid.scores.any(axis=1)].tolist()
     if nowhere:
         raise InputError(
             f"group: {', '.join(nowhere)} cannot reach any place of the workspace that the limits"
             " allow; move it, or leave them out"
         )
     there = int(np.argmax((grid.scores > 0).sum(axis=0)))
-    left = [
-        person.label
-        for person, score in zip(people, grid.scores[:, there], strict=True)
-        if not score
-    ]
+    left = labels[grid.scores[:, there] == 0].tolist()
     raise InputError(
         f"group: no place is reached by all; where most can reach, {', '.join(left)} cannot;"
         " enlarge the workspace"
@@ -421,24 +402,22 @@ def _members(
     search: PlaceSearch,
 ) -> tuple[Member, ...]:
     assessment = problem.assess(rest.postures)
-    members = []
-    for i, (person, alone) in enumerate(zip(people, own, strict=True)):
-        members.append(
-            Member(
-                label=person.label,
-                body=person.follower.response.body,
-                reba=int(rest.scores[i]),
-                cost=float(rest.costs[i]),
-                posture=rest.postures[i],
-                base_pose=person.follower.contact(rest.postures[i])[1],
-                segments={name: int(scores[i]) for name, scores in assessment.segments.items()},
-                reasons=assessment.reasons(i),
-                own_reba=int(alone.scores[0]),
-                own_pose=search.placing.pose(alone.point),
-                reach=float((grid.scores[i] > 0).mean()),
-            )
+    return tuple(
+        Member(
+            label=person.label,
+            body=person.follower.response.body,
+            reba=int(rest.scores[i]),
+            cost=float(rest.costs[i]),
+            posture=rest.postures[i],
+            base_pose=person.follower.contact(rest.postures[i])[1],
+            segments={name: int(scores[i]) for name, scores in assessment.segments.items()},
+            reasons=assessment.reasons(i),
+            own_reba=int(alone.scores[0]),
+            own_pose=search.placing.pose(alone.point),
+            reach=float((grid.scores[i] > 0).mean()),
         )
-    return tuple(members)
+        for i, (person, alone) in enumerate(zip(people, own, strict=True))
+    )
 
 
 def _free(search: PlaceSearch, best: Equilibrium) -> dict[str, tuple[int, float]]:
@@ -466,11 +445,8 @@ def _assumptions(problem: Problem) -> tuple[str, ...]:
     model = person_of(problem)
     where = "stands on the same spot"
     if model.stance == "seated":
-        seat = (
-            "on a seat that is fitted to each of them"
-            if model.seat_height is None
-            else f"on a seat of {model.seat_height:.2f} m"
-        )
+        own = "that is fitted to each of them"
+        seat = f"on a seat {own if model.seat_height is None else f'of {model.seat_height:.2f} m'}"
         where = f"sits on the same spot, {seat}"
     return (
         f"Everybody {where}, facing the same way. This spot is the origin of the world.",

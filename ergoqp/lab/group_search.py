@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from numbers import Integral, Real
 from typing import Literal
 
@@ -23,9 +24,8 @@ import numpy as np
 from ergoqp.arguments import as_tuple, check_real, check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.lab.population import person_of, variant
-from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.parallel import in_order
-from ergoqp.placing.place import PoseParametrization
+from ergoqp.placing.place import Place, PoseParametrization
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import outward, workspace_lines, workspace_map, workspace_poses
 from ergoqp.rest.model_person import ModelPerson, sample_person
@@ -89,10 +89,10 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[GroupPers
     if isinstance(count, bool) or not (isinstance(count, Integral) and 1 <= count <= MOST):
         raise InputError(f"group: got {count} people, allowed 1 to {MOST}")
     check_whole("seed", seed, 0)
-    followers = [(number, sample_person(problem, number)) for number in range(seed, seed + count)]
+    drawn = ((number, sample_person(problem, number)) for number in range(seed, seed + count))
     return tuple(
         GroupPerson(f"{person.response.body.stature:.2f} m, seed {number}", person)
-        for number, person in followers
+        for number, person in drawn
     )
 
 
@@ -105,10 +105,8 @@ def _person(problem: Problem, person: float | ModelPerson | GroupPerson) -> Grou
                 f"group: got a {type(person).__name__}, allowed statures in metres or simulated"
                 " people"
             )
-        return GroupPerson(
-            f"{float(person):.2f} m",
-            ModelPerson(person_of(variant(problem, stature=float(person)))),
-        )
+        alike = ModelPerson(person_of(variant(problem, stature=float(person))))
+        return GroupPerson(f"{float(person):.2f} m", alike)
     model, own = person_of(problem), person.follower.response
     for term in ("hands", "stance", "seat_height", "tool"):
         if getattr(own, term) != getattr(model, term):
@@ -122,13 +120,11 @@ def _person(problem: Problem, person: float | ModelPerson | GroupPerson) -> Grou
 def _unique(people: list[GroupPerson]) -> tuple[GroupPerson, ...]:
     """Add numbers to labels that occur more than once."""
     labels = [person.label for person in people]
-    numbered = []
-    for i, person in enumerate(people):
-        same = labels[: i + 1].count(person.label)
-        numbered.append(
-            person if same == 1 else GroupPerson(f"{person.label} ({same})", person.follower)
-        )
-    return tuple(numbered)
+    numbers = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
+    return tuple(
+        person if number == 1 else replace(person, label=f"{person.label} ({number})")
+        for person, number in zip(people, numbers, strict=True)
+    )
 
 
 AXES = ("x", "y", "z", "tilt")
@@ -166,9 +162,7 @@ class SharedGrid:
     @property
     def poses(self) -> np.ndarray:
         """The poses (n, 4, 4)."""
-        places = np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), axis=-1).reshape(
-            -1, 3
-        )
+        places = np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), -1).reshape(-1, 3)
         poses = np.tile(np.eye(4), (len(places), len(self.tilts), 1, 1))
         poses[..., :3, 3], poses[..., :3, :3] = places[:, None], self.tilts
         return poses.reshape(-1, 4, 4)
@@ -191,12 +185,10 @@ class SharedGrid:
         A score is 0 if the person reaches none of the places along the axis.
         """
         number = 1 + AXES.index(axis)
-        scores = (
-            np.where(self.scores > 0, self.scores, np.iinfo(np.int64).max)
-            .reshape(-1, *self.shape)
-            .min(axis=number)
-        )
-        return np.where(scores < np.iinfo(np.int64).max, scores, 0).reshape(len(self.scores), -1)
+        none = np.iinfo(np.int64).max
+        scores = np.where(self.scores > 0, self.scores, none).reshape(-1, *self.shape)
+        lowest = scores.min(axis=number).reshape(len(self.scores), -1)
+        return np.where(lowest < none, lowest, 0)
 
 
 def shared_grid(
@@ -225,13 +217,7 @@ def shared_grid(
         InputError: if the problem has no workspace or no tool axis, or the spacing is not
             allowed.
     """
-    if missing := next(
-        (what for what, kind in _NEEDED.items() if problem.limit_of(kind) is None), None
-    ):
-        raise InputError(
-            f"problem {problem.name}: has no limits.{missing}, so nothing says where the object"
-            " may be"
-        )
+    Place.of(problem)  # needs a workspace and a tool axis too
     check_real("spacing", spacing, "metres")
     if not 0.01 <= spacing <= 1.0:
         raise InputError(f"spacing: got {shown(spacing)} m, allowed 0.01 to 1 m")
@@ -242,12 +228,9 @@ def shared_grid(
         if done is not None:
             done(len(parts))
     (x, y, z), tilts = workspace_lines(problem, spacing)
-    scores, postures = np.stack([part[0] for part in parts]), np.stack([part[1] for part in parts])
+    scores, postures = map(np.stack, zip(*parts, strict=True))
     costs = np.stack([problem.cost(rows) for rows in postures])
     return SharedGrid(x, y, z, tilts, scores, np.where(scores > 0, costs, np.inf), postures)
-
-
-_NEEDED = {"workspace": WorkspaceBox, "tool_axis": AxisCone}
 
 
 def _of_person(
@@ -351,24 +334,17 @@ class PlaceSearch:
         self.placements = 0
         self._features = _features(grid.poses)
         self._people = [person.follower for person in people]
-        comforts = [person.response.comfort for person in self._people]
-        self._holds = [
-            (p.stand(q), p.grasp(q)) for p, q in zip(self._people, comforts, strict=True)
-        ]
+        self._comforts = [person.response.comfort for person in self._people]
+        pairs = zip(self._people, self._comforts, strict=True)
+        self._holds = [(person.stand(q), person.grasp(q)) for person, q in pairs]
 
     def starts(self, count: int) -> list[np.ndarray]:
         """Return the grid's best places (5,), best first, none within a spacing of a better one."""
         found = keys(self.grid.scores, self.grid.costs, self.objective)
         order = np.lexsort(found.T[::-1])
         poses, chosen = self.grid.poses, []
-        apart = 1.01 * max(
-            (
-                float(line[1] - line[0])
-                for line in (self.grid.x, self.grid.y, self.grid.z)
-                if len(line) > 1
-            ),
-            default=0,
-        )
+        lines = [line for line in (self.grid.x, self.grid.y, self.grid.z) if len(line) > 1]
+        apart = 1.01 * max((float(line[1] - line[0]) for line in lines), default=0)
         for i in order[found[order, 0] == found[order[0], 0]]:
             if all(np.linalg.norm(poses[i, :3, 3] - poses[j, :3, 3]) > apart for j in chosen):
                 chosen.append(i)
@@ -379,36 +355,21 @@ class PlaceSearch:
     def at(self, point: np.ndarray) -> Equilibrium:
         """Return everybody at rest at a place, each from the nearest grid place in their reach."""
         self.placements += 1
-        pose = self.placing.pose(point)
-        postures, reached = [], []
+        pose, seeds = self.placing.pose(point), self._comforts.copy()
         apart = ((self._features - _features(pose[None])) ** 2).sum(axis=1)
-        for number, (person, (soles, grasp)) in enumerate(
-            zip(self._people, self._holds, strict=True)
-        ):
-            near = np.where(self.grid.scores[number] > 0, apart, np.inf)
+        for number, scores in enumerate(self.grid.scores):
+            near = np.where(scores > 0, apart, np.inf)
             nearest = int(np.argmin(near))
-            seed = (
-                self.grid.postures[number, nearest]
-                if np.isfinite(near[nearest])
-                else person.response.comfort
-            )
-            posture, there = person.settle(seed, pose, grasp, soles)
-            postures.append(posture)
-            reached.append(there)
-        return self._rest(point, np.array(postures), np.array(reached))
+            if np.isfinite(near[nearest]):
+                seeds[number] = self.grid.postures[number, nearest]
+        return self._rest(point, seeds)
 
     def resettled_from_comfort(self, rest: Equilibrium) -> Equilibrium:
         """Return the same place, with people settled again from comfort if that is worse.
 
         A rest posture can depend on the path to it. A place must be good for both paths.
         """
-        pose = self.placing.pose(rest.point)
-        postures, reached = [], []
-        for person, (soles, grasp) in zip(self._people, self._holds, strict=True):
-            posture, there = person.settle(person.response.comfort, pose, grasp, soles)
-            postures.append(posture)
-            reached.append(there)
-        other = self._rest(rest.point, np.array(postures), np.array(reached))
+        other = self._rest(rest.point, self._comforts)
         worse = (other.scores > rest.scores) & (rest.scores > 0)
         return Equilibrium(
             rest.point,
@@ -433,13 +394,11 @@ class PlaceSearch:
             scale > 0.1 and not lengths[:3].any()
         ):
             improved = False
-            for step in [sign * i for i in free + 1 for sign in (1, -1)]:
+            for number, sign in product(free, (1, -1)):
                 point = here.point.copy()
-                number = abs(step) - 1
+                moved = point[number] + sign * scale * lengths[number]
                 point[number] = np.clip(
-                    point[number] + np.sign(step) * scale * lengths[number],
-                    self.placing.lower[number],
-                    self.placing.upper[number],
+                    moved, self.placing.lower[number], self.placing.upper[number]
                 )
                 if self.placements >= end:
                     return [best, first]
@@ -465,23 +424,25 @@ class PlaceSearch:
 
     def _first_lengths(self) -> np.ndarray:
         """Return half of the grid's spacing along each number, 0 if it is fixed (5,)."""
-        wide = self.placing.upper - self.placing.lower
-        places = [len(self.grid.x), len(self.grid.y), len(self.grid.z), 4, 4]
-        return np.array(
-            [0.5 * width / max(count - 1, 1) for width, count in zip(wide, places, strict=True)]
-        )
+        steps = [len(self.grid.x) - 1, len(self.grid.y) - 1, len(self.grid.z) - 1, 3, 3]
+        return 0.5 * (self.placing.upper - self.placing.lower) / np.maximum(steps, 1)
 
     def _merit(self, rest: Equilibrium) -> float:
         return float(merit(rest.costs[:, None], self.objective)[0])
 
-    def _rest(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> Equilibrium:
+    def _rest(self, point: np.ndarray, seeds: list[np.ndarray]) -> Equilibrium:
+        """Return everybody settled at a place, each from one of the postures (32,)."""
         pose, own = self.placing.pose(point), self.problem.own_limits
+        settled = [
+            person.settle(seed, pose, grasp, soles)
+            for person, seed, (soles, grasp) in zip(self._people, seeds, self._holds, strict=True)
+        ]
+        postures = np.array([posture for posture, _ in settled])
         # A place that one of the user's own limits forbids counts as not reached.
-        reached = reached & np.array([not own.broken(pose, posture) for posture in postures])
+        reached = np.array([there and not own.broken(pose, q) for q, there in settled])
         scores = np.where(reached, self.problem.assess(postures).final, 0)
-        return Equilibrium(
-            point, scores, np.where(reached, self.problem.cost(postures), np.inf), postures
-        )
+        costs = np.where(reached, self.problem.cost(postures), np.inf)
+        return Equilibrium(point, scores, costs, postures)
 
 
 def _features(poses: np.ndarray) -> np.ndarray:

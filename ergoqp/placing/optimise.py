@@ -30,7 +30,7 @@ from ergoqp.expressions import read_pose
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, OneClassBoundary
-from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.placing.optimum import Optimum, StartResult
 from ergoqp.placing.parallel import call_packed, in_order, packed
 from ergoqp.placing.place import Place
 from ergoqp.placing.program import Program, Solution, check_names, smooth_cost
@@ -106,7 +106,7 @@ class StartSolver:
         self.program = Program(task.problem, task.person.response, task.mode, task.solver)
         self.anchor = self.program.place.anchor(task.problem, task.begin.pose)
 
-    def start(self, number: int) -> Trial:
+    def start(self, number: int) -> StartResult:
         """Return the result of a start.
 
         It depends only on the task and the number, not on where and when it is solved.
@@ -115,17 +115,9 @@ class StartSolver:
         task, place = self.task, self.program.place
         drawn = self._draw(number)
         if drawn is None:
-            nowhere = (task.begin.pose, task.begin.posture)
-            return Trial(
-                number,
-                *nowhere,
-                0,
-                self._cost(task.begin.posture),
-                np.inf,
-                0.0,
-                _since(begin),
-                "out of reach",
-            )
+            pose, posture = task.begin.pose, task.begin.posture
+            cost, took = self._cost(posture), time.perf_counter() - begin
+            return StartResult(number, pose, posture, 0, cost, np.inf, 0.0, took, "out of reach")
         unknowns, rest = drawn
         solution, posture = Solution(np.empty(0), np.inf), rest
         last = (task.tau_deg, RELAXATION)
@@ -133,7 +125,9 @@ class StartSolver:
             *(stage for stage in (NARROW if number % 2 else WIDE) if stage[0] > task.tau_deg),
             *[last] * REPEATS,
         ]:
-            given = self._given(relaxation, tau)
+            given = self.program.given(
+                task.begin.posture, task.begin.grasp, task.begin.soles, self.anchor, relaxation, tau
+            )
             pelvis = task.person.contact(rest)[1]
             solution = self.program.solve(self.program.start(unknowns, rest, pelvis, given), given)
             if not np.isfinite(solution.values).all():
@@ -155,7 +149,7 @@ class StartSolver:
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         limit = self.task.problem.limit_of(JointLimit)
         moved = self.program.moved
-        low, high = (np.full(len(self.task.begin.posture), end) for end in (-np.inf, np.inf))
+        low, high = (np.full(len(JOINTS), end) for end in (-np.inf, np.inf))
         if limit is not None:
             low[moved] = limit.range[0][moved] - limit.tolerance
             high[moved] = limit.range[1][moved] + limit.tolerance
@@ -173,12 +167,10 @@ class StartSolver:
         task, place = self.task, self.program.place
         rng = np.random.default_rng([task.seed, 6, number])
         for attempt in range(DRAWS):
-            first = number == 0 and attempt == 0
-            unknowns = (
-                place.unknowns(task.begin.pose, self.anchor)
-                if first
-                else place.draw(rng, self.anchor)
-            )
+            if number == attempt == 0:
+                unknowns = place.unknowns(task.begin.pose, self.anchor)
+            else:
+                unknowns = place.draw(rng, self.anchor)
             posture, reached = self._settle(task.begin.posture, unknowns)
             if reached:
                 return unknowns, posture
@@ -189,12 +181,6 @@ class StartSolver:
         begin = self.task.begin
         return self.task.person.settle(posture, pose, begin.grasp, begin.soles, steps=_SETTLING)
 
-    def _given(self, relaxation: float, tau_deg: float) -> np.ndarray:
-        begin = self.task.begin
-        return self.program.given(
-            begin.posture, begin.grasp, begin.soles, self.anchor, relaxation, tau_deg
-        )
-
     def _verdict(
         self,
         number: int,
@@ -203,7 +189,7 @@ class StartSolver:
         rest: np.ndarray,
         residual: float,
         begin: float,
-    ) -> Trial:
+    ) -> StartResult:
         task = self.task
         pose = self.program.place.pose(unknowns, self.anchor)
         settled, reached = self._settle(posture, unknowns)
@@ -212,9 +198,8 @@ class StartSolver:
             settled, reached = posture, self._holds(posture, pose)
         note = "out of reach" if not reached else self._outside(settled, pose)
         score = 0 if note else int(task.problem.assess(settled).final[0])
-        return Trial(
-            number, pose, settled, score, self._cost(settled), residual, apart, _since(begin), note
-        )
+        cost, took = self._cost(settled), time.perf_counter() - begin
+        return StartResult(number, pose, settled, score, cost, residual, apart, took, note)
 
     def _holds(self, posture: np.ndarray, pose: np.ndarray) -> bool:
         begin = self.task.begin
@@ -236,10 +221,6 @@ class StartSolver:
         ):
             return "outside the learned boundary"
         return problem.own_limits.broken(pose, posture)
-
-
-def _since(begin: float) -> float:
-    return time.perf_counter() - begin
 
 
 def begin_from(person: ModelPerson, posture: np.ndarray, pose: ArrayLike | None) -> Start:
@@ -375,9 +356,9 @@ def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerso
 
 def _solve(
     task: OptimizationTask, starts: int, jobs: int, progress: Progress | None
-) -> list[Trial]:
+) -> list[StartResult]:
     """Return the trials of all starts, in order."""
-    found: Iterable[Trial]
+    found: Iterable[StartResult]
     if jobs > 1:
         [sent] = packed("jobs", [(task,)])
         found = in_order(_solve_start, [(sent, number) for number in range(starts)], jobs)
@@ -392,7 +373,7 @@ def _solve(
     return trials
 
 
-def _solve_start(sent: bytes, number: int) -> Trial:
+def _solve_start(sent: bytes, number: int) -> StartResult:
     return _solver_of(sent).start(number)
 
 
@@ -402,7 +383,7 @@ def _solver_of(sent: bytes) -> StartSolver:
     return call_packed(StartSolver, sent)
 
 
-def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
+def _best(problem: Problem, trials: Sequence[StartResult]) -> StartResult:
     counting = [trial for trial in trials if trial.reba > 0]
     if not counting:
         notes = Counter(trial.note for trial in trials).most_common()
@@ -415,24 +396,22 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
     # number of the start, which does not depend on the order in which starts finish.
     return min(
         counting,
-        key=lambda trial: (
-            trial.reba,
-            trial.kkt_residual > RESIDUAL,
-            round(trial.cost, 6),
-            trial.number,
+        key=lambda each: (
+            each.reba,
+            each.kkt_residual > RESIDUAL,
+            round(each.cost, 6),
+            each.number,
         ),
     )
 
 
 def _assumptions(response: IkResponse, mode: str) -> list[str]:
-    chooses = (
-        "The person comes to rest by their own comfort at every place of the object."
-        if mode == "stackelberg"
-        else (
+    chooses = "The person comes to rest by their own comfort at every place of the object."
+    if mode == "cooperative":
+        chooses = (
             "The posture is chosen together with the place: an optimistic bound, because people do"
             " not choose their posture by its score."
         )
-    )
     return [
         (
             f"The person is {response.body.stature:.2f} m tall and holds the object as in the"

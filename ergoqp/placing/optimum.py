@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +17,9 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.responses.ik import IkResponse
 
-_TERMS = (
-    "hands",
-    "stance",
-    "seat_height",
-    "tool",
-    "free_about_tool",
-    "balance",
-    "relaxation_time",
-    "damping",
-    "looks",
-    "attention",
-    "free_arm",
-)
+_OTHERS = ("body", "weights", "comfort_deg")
+_TERMS = tuple(each.name for each in fields(IkResponse) if each.name not in _OTHERS)
+"""Fields of a response that are written as they are."""
 
 
 def response_as_dict(response: IkResponse) -> dict[str, Any]:
@@ -49,10 +39,8 @@ def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
         KeyError, TypeError, InputError: if it does not describe a response.
     """
     body = Body(values["stature_m"], values["lengths_m"], values["mass_kg"])
-    terms = {name: values[name] for name in _TERMS}
-    return IkResponse(
-        body=body, weights=values["weights"], comfort_deg=values["comfort_deg"], **terms
-    )
+    terms = {name: values[name] for name in (*_TERMS, "weights", "comfort_deg")}
+    return IkResponse(body=body, **terms)
 
 
 def plain(value: Any) -> Any:
@@ -73,7 +61,7 @@ _ARRAYS = {"pose": (4, 4), "posture": (len(JOINTS),)}
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class StartResult:
     """Result of one start.
 
     Attributes:
@@ -115,7 +103,7 @@ class Trial:
         return {name: plain(value) for name, value in vars(self).items()}
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Trial:
+    def from_dict(cls, values: Mapping[str, Any]) -> StartResult:
         """Return the trial from the result of `as_dict`.
 
         Raises:
@@ -186,8 +174,8 @@ class Optimum:
     tau_deg: float | None
     pose_before: np.ndarray
     posture_before: np.ndarray
-    trials: tuple[Trial, ...] = ()
-    assumptions: tuple[str, ...] = field(default=())
+    trials: tuple[StartResult, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return the result in one line."""
@@ -246,12 +234,9 @@ class Optimum:
             values = {name: values[name] for name in cls.__dataclass_fields__}
             values["response"] = response_from_dict(values["response"])
             for entry in (values, *values["trials"]):
-                entry |= {
-                    name: pose_from_dict(entry[name])
-                    for name in ("pose", "pose_before")
-                    if name in entry
-                }
-            values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
+                for name in entry.keys() & {"pose", "pose_before"}:
+                    entry[name] = pose_from_dict(entry[name])
+            values["trials"] = tuple(StartResult.from_dict(trial) for trial in values["trials"])
             values["assumptions"] = tuple(values["assumptions"])
             return cls(**_with_arrays(values))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -39,22 +39,11 @@ class PoseParametrization:
     @classmethod
     def of(cls, problem: Problem) -> PoseParametrization:
         """Return the placing for the workspace, tool axis and movable axes of a problem."""
-        box, cone, axes = (
-            problem.limit_of(WorkspaceBox),
-            problem.limit_of(AxisCone),
-            problem.twist_limit.axes,
-        )
-        half = float(np.radians(cone.half_angle_deg))
-        turns = [
-            half * any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz"))
-        ]
-        ends = np.array([*box.upper, *turns])
-        return cls(
-            np.array([*box.lower, *(-turn for turn in turns)]),
-            ends,
-            frame_of(np.asarray(cone.direction)),
-            half,
-        )
+        box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        half, axes = float(np.radians(cone.half_angle_deg)), set(problem.twist_limit.axes)
+        turns = half * np.array([bool(axes & {"rx", "ry"}), bool(axes & {"rx", "rz"})])
+        lower, upper = np.array([*box.lower, *-turns]), np.array([*box.upper, *turns])
+        return cls(lower, upper, frame_of(np.asarray(cone.direction)), half)
 
     def pose(self, point: np.ndarray) -> np.ndarray:
         """Return the pose (4, 4) of a point (5,)."""
@@ -305,24 +294,15 @@ def slices_through(
             for person, start in zip(people, starts or [None] * len(people), strict=True)
         ]
         scores[:, allowed] = np.stack(list(in_order(_scores, calls, jobs)))
-        slices.append(
-            Slice(
-                across,
-                up,
-                horizontal,
-                vertical,
-                scores.reshape(-1, len(vertical), len(horizontal)),
-                point,
-            )
-        )
+        scores = scores.reshape(-1, len(vertical), len(horizontal))
+        slices.append(Slice(across, up, horizontal, vertical, scores, point))
     return slices
 
 
 def _values(placing: PoseParametrization, number: int, spacing: float) -> np.ndarray:
     low, high = placing.lower[number], placing.upper[number]
-    return np.linspace(
-        low, high, max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS
-    )
+    count = max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS
+    return np.linspace(low, high, count)
 
 
 def _scores(

@@ -28,7 +28,6 @@ It includes starting values, the solver and the residual.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -126,45 +125,11 @@ class Solution:
     residual: float
 
 
-def optimality_function(nlp: Mapping[str, Any]) -> ca.Function:
-    """Return ``(x, p, on_rows, on_bounds) -> (slope of the Lagrangian, rows)`` of a program.
-
-    Args:
-        nlp: ``x``, ``p``, ``f`` and ``g``, as `casadi.nlpsol` takes them.
-    """
-    kind = type(nlp["x"])
-    on_rows, on_bounds = (
-        kind.sym("on_rows", nlp["g"].numel()),
-        kind.sym("on_bounds", nlp["x"].numel()),
-    )
-    slope = ca.gradient(nlp["f"] + ca.dot(on_rows, nlp["g"]), nlp["x"]) + on_bounds
-    return ca.Function("optimality", [nlp["x"], nlp["p"], on_rows, on_bounds], [slope, nlp["g"]])
-
-
-def violation(slope: np.ndarray, bounded: Iterable[tuple[Ends, np.ndarray, np.ndarray]]) -> float:
-    """Return the largest violation of the optimality conditions; inf if any is not a number.
-
-    Args:
-        slope: slope of the Lagrangian (n,) [points per unit].
-        bounded: for the unknowns and for the rows: their ends, values, and multipliers; a
-            positive multiplier belongs to the upper end.
-    """
-    worst = [np.abs(slope).max()]
-    for (low, high), values, multipliers in bounded:
-        worst.append(np.maximum(low - values, values - high).max(initial=0.0))
-        end = np.where(multipliers > 0, high - values, values - low)
-        # Without an end the multiplier must be zero.
-        worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
-    largest = float(np.max(worst))
-    return largest if np.isfinite(largest) else float("inf")
-
-
 @dataclass(frozen=True)
 class Rest:
     """The conditions of rest.
 
     Attributes:
-        moved: positions of the moving joints in the posture.
         aims: s of the moving joints, symbols (n,).
         pelvis: x, y, z and yaw of a standing person, symbols (4,); else empty.
         multipliers: y of the hands, then m of the soles, symbols.
@@ -174,7 +139,6 @@ class Rest:
         contact: the other equations: hands and soles.
     """
 
-    moved: list[int]
     aims: ca.SX
     pelvis: ca.SX
     multipliers: ca.SX
@@ -213,9 +177,8 @@ def rest_conditions(response: IkResponse, place: Situated) -> Rest:
             balance.append(discomfort[[INDEX[name] for name in LEG_JOINTS[side]]] + on_leg)
         balance.append(on_base - on_pelvis - seen_by_pelvis)
     contact.append(holding.slipping())
-    return Rest(
-        moved, aims, pelvis, ca.vertcat(y, m), posture, ca.vertcat(*balance), ca.vertcat(*contact)
-    )
+    multipliers = ca.vertcat(y, m)
+    return Rest(aims, pelvis, multipliers, posture, ca.vertcat(*balance), ca.vertcat(*contact))
 
 
 def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:
@@ -347,9 +310,8 @@ class Program:
             x[at:] = self._multipliers(x, given, posture)
             held = self._at_end(posture)
             missing = np.array(self._forces(x, given)[1]).ravel()[:joints]
-            x[leader + np.flatnonzero(held)] -= (missing / self.response.weight_vector[self.moved])[
-                held
-            ]
+            needed = missing / self.response.weight_vector[self.moved]
+            x[leader + np.flatnonzero(held)] -= needed[held]
         return x
 
     def _multipliers(self, x: np.ndarray, given: np.ndarray, posture: np.ndarray) -> np.ndarray:
@@ -363,9 +325,8 @@ class Program:
         held = np.append(self._at_end(posture), np.zeros(len(rest) - len(self.moved), dtype=bool))
         little = _LITTLE / self.response.damping**2
         rows = np.vstack([slope[~held], little * yielding])
-        return np.linalg.lstsq(
-            rows, -np.vstack([rest[~held], little * missing]).ravel(), rcond=None
-        )[0]
+        right = -np.vstack([rest[~held], little * missing]).ravel()
+        return np.linalg.lstsq(rows, right, rcond=None)[0]
 
     def _at_end(self, posture: np.ndarray) -> np.ndarray:
         ends = (posture <= LOWER + _INSIDE) | (posture >= UPPER - _INSIDE)
@@ -387,10 +348,8 @@ class Program:
         except RuntimeError:
             # Some solvers raise when a value is not a number. This start then ends here.
             return Solution(at, float("inf"))
-        values, on_rows, on_bounds = (
-            np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x")
-        )
-        return Solution(values, self.residual(values, given, on_rows, on_bounds))
+        values, *multipliers = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
+        return Solution(values, self.residual(values, given, *multipliers))
 
     def residual(
         self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray
@@ -404,8 +363,16 @@ class Program:
         slope, rows = (
             np.array(part).ravel() for part in self._optimality(x, given, on_rows, on_bounds)
         )
+        worst = [np.abs(slope).max()]
         bounded = zip(self._bounds, (x, rows), (on_bounds, on_rows), strict=True)
-        return violation(slope, bounded)
+        for (low, high), values, multipliers in bounded:
+            worst.append(np.maximum(low - values, values - high).max(initial=0.0))
+            end = np.where(multipliers > 0, high - values, values - low)
+            # Without an end the multiplier must be zero.
+            end = np.where(np.isfinite(end), end, 1.0)
+            worst.append(np.abs(multipliers * end).max(initial=0.0))
+        largest = float(np.max(worst))
+        return largest if np.isfinite(largest) else float("inf")
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the values between which the solver may move, (n,) each; inf: no bound."""
@@ -435,24 +402,25 @@ class Program:
 
     @cached_property
     def _optimality(self) -> ca.Function:
-        return optimality_function(self._nlp)
+        """``(x, p, on_rows, on_bounds) -> (slope of the Lagrangian, rows)``."""
+        x, p, rows = (self._nlp[name] for name in "xpg")
+        on_rows, on_bounds = (
+            type(x).sym("on_rows", rows.numel()),
+            type(x).sym("on_bounds", x.numel()),
+        )
+        slope = ca.gradient(self._nlp["f"] + ca.dot(on_rows, rows), x) + on_bounds
+        return ca.Function("optimality", [x, p, on_rows, on_bounds], [slope, rows])
 
     def _person(self, situated: Situated) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the unknowns of the person, their posture (32,), and the equations."""
         if self.mode == "stackelberg":
             rest = rest_conditions(self.response, situated)
-            own, equations = (
-                ca.vertcat(rest.aims, rest.pelvis, rest.multipliers),
-                ca.vertcat(rest.balance, rest.contact),
-            )
+            own = ca.vertcat(rest.aims, rest.pelvis, rest.multipliers)
             # The equations are linear in the multipliers, so least squares gives them at a
             # posture.
-            self._balance = (
-                rest.multipliers,
-                rest.balance,
-                rest.contact[: 6 * len(self.response.hands)],
-            )
-            return own, rest.posture, equations
+            hands = rest.contact[: 6 * len(self.response.hands)]
+            self._balance = rest.multipliers, rest.balance, hands
+            return own, rest.posture, ca.vertcat(rest.balance, rest.contact)
         joints = ca.SX.sym("q", len(self.moved))
         pelvis = ca.SX.sym("b", 4 if self.response.stance == "standing" else 0)
         turns = ca.SX.sym("t", len(self.response.hands) if self.response.free_about_tool else 0)
@@ -471,12 +439,11 @@ class Program:
     def _forces(self) -> ca.Function:
         multipliers, balance, contact = self._balance
         outputs = [
-            ca.jacobian(balance, multipliers),
-            balance,
-            ca.jacobian(contact, multipliers),
-            contact,
+            ca.densify(part)
+            for each in (balance, contact)
+            for part in (ca.jacobian(each, multipliers), each)
         ]
-        return ca.Function("forces", self._symbols, [ca.densify(part) for part in outputs])
+        return ca.Function("forces", self._symbols, outputs)
 
     def _narrowed(self) -> list[int]:
         """Return the moving joints whose range in the problem is narrower than the person's."""
@@ -484,11 +451,9 @@ class Program:
         if limit is None:
             return []
         low, high = limit.range
-        return [
-            joint for joint in self.moved if low[joint] > LOWER[joint] or high[joint] < UPPER[joint]
-        ]
+        return [j for j in self.moved if low[j] > LOWER[j] or high[j] < UPPER[j]]
 
-    def _make_bounds(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    def _make_bounds(self) -> tuple[Ends, Ends]:
         """Return the bounds of unknowns and rows."""
         low, high = np.full(self._count, -np.inf), np.full(self._count, np.inf)
         leader = len(self.place.kinds)
@@ -499,11 +464,10 @@ class Program:
         equal = np.zeros(self._rows.numel())
         limit = self.problem.limit_of(JointLimit)
         ranges = limit.range if limit is not None else (LOWER, UPPER)
-        cosines = (self.place.least_cosine, np.inf)
-        ends = [
-            np.concatenate([equal, [end], side[self._narrow]])
-            for end, side in zip(cosines, ranges, strict=True)
-        ]
-        more = self._boundary + self._own
-        ends = [np.append(ends[0], np.zeros(more)), np.append(ends[1], np.full(more, np.inf))]
-        return (low, high), (ends[0], ends[1])
+        least, most = (side[self._narrow] for side in ranges)
+        more = np.zeros(self._boundary + self._own)
+        least = np.concatenate([equal, [self.place.least_cosine], least, more])
+        return (low, high), (
+            least,
+            np.concatenate([equal, [np.inf], most, np.full_like(more, np.inf)]),
+        )

@@ -6,6 +6,7 @@ It also shows what each member pays.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +16,23 @@ from ergoqp.lab.group_search import GroupPerson
 from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
-from ergoqp.report.body.figure import Standing, lineup
+from ergoqp.report.body.figure import Drawing, Standing, lineup
 from ergoqp.report.charts.strips import COLOURS, Spot, score_map
 from ergoqp.report.optimum_page import (
     place_words,
-    score_headline,
     slice_words,
     task_options,
     tilt_words,
 )
-from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
+from ergoqp.report.page import (
+    Page,
+    PageTable,
+    Picture,
+    Section,
+    closing_sections,
+    score_headline,
+    write_page,
+)
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
 """The objectives in words."""
@@ -77,13 +85,10 @@ def write_group_page(
             score_headline("mean of the group", found.mean),
             score_headline("mean, each at their own best", found.own_mean),
         ],
-        change="",
         facts=_facts(found, problem),
-        replay="",
-        replay_note="",
         figures=[
             Picture.of(
-                lambda width: _row(found, width),
+                partial(_row, found),
                 "Everybody at the group's place, drawn to one scale. The dashed line is the height"
                 " of the object.",
             )
@@ -93,12 +98,7 @@ def write_group_page(
             _adjustable(found),
             *_maps(found, problem, people, jobs),
             Section("Reasons", tables=[_reasons(found)]),
-            Section("Assumptions", sentences=found.assumptions),
-            Section(
-                "Options",
-                tables=[PageTable(("what", "value"), _options(found, problem))],
-                folded=True,
-            ),
+            *closing_sections(found.assumptions, _options(found, problem)),
         ],
     )
     write_page(page, path)
@@ -119,9 +119,9 @@ def _facts(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
     ]
 
 
-def _row(found: GroupOptimum, width: float) -> str:
+def _row(found: GroupOptimum, *, width: float) -> str:
     standing = [
-        Standing(m.body, m.posture, m.base_pose, m.segments, m.label, m.reba, found.pose)
+        Standing(m.label, m.reba, Drawing(m.body, m.posture, m.base_pose, m.segments, found.pose))
         for m in found.members
     ]
     return lineup(standing, "Everybody at the group's place", width=width)
@@ -132,7 +132,7 @@ def _people(found: GroupOptimum) -> Section:
         (
             member.label,
             str(member.reba),
-            palette.risk_of_level(int(palette.level_of_score(member.reba))),
+            palette.risk_of_score(member.reba),
             str(member.own_reba),
             f"+{member.pays}" if member.pays else "0",
             f"{100 * member.reach:.0f}",

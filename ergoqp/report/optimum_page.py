@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -18,17 +17,20 @@ from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
-from ergoqp.report.charts.strips import AXES, COLOURS, Spot, score_map, segments_chart
-from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, plain, write_page
+from ergoqp.report.charts.strips import AXES, COLOURS, Spot, score_map
+from ergoqp.report.page import (
+    Page,
+    PageTable,
+    Picture,
+    Section,
+    closing_sections,
+    plain,
+    score_headline,
+    segments_section,
+    write_page,
+)
 from ergoqp.rest.model_person import ModelPerson
 from ergoqp.simulation.description import options_of
-
-
-def score_headline(label: str, score: float) -> Headline:
-    """Return a score or a mean of scores as a headline, in the colour of its action level."""
-    level = int(palette.level_of_score(round(score)))
-    words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
-    return Headline(label, f"{score:.2f}".rstrip("0").rstrip(".") if score else "–", level, words)
 
 
 def change_of(before: int, after: int) -> str:
@@ -116,6 +118,7 @@ def write_optimum_page(
     """
     follower, stature = ModelPerson(optimum.response), optimum.response.body.stature
     before, after = (_segments(problem, q) for q in (optimum.posture_before, optimum.posture))
+    assumptions, options = closing_sections(optimum.assumptions, _options(optimum, problem))
     page = Page(
         title=f"Best place: {optimum.title}",
         subtitle=(
@@ -128,8 +131,6 @@ def write_optimum_page(
         ],
         change=change_of(optimum.reba_before, optimum.reba_after),
         facts=_facts(optimum),
-        replay="",
-        replay_note="",
         figures=[
             _figure(
                 follower,
@@ -148,15 +149,19 @@ def write_optimum_page(
         ],
         sections=[
             _map(optimum, problem, follower, jobs),
-            _why(optimum, problem, before, after),
-            *([] if cooperative is None else [_bound(optimum, cooperative)]),
-            Section("Assumptions", sentences=optimum.assumptions or ["None."]),
-            _starts([optimum, *([] if cooperative is None else [cooperative])]),
-            Section(
-                "Options",
-                tables=[PageTable(("what", "value"), _options(optimum, problem))],
-                folded=True,
+            segments_section(
+                (f"before: REBA {optimum.reba_before}", f"best place: REBA {optimum.reba_after}"),
+                before,
+                after,
+                (
+                    problem.assess(optimum.posture_before).reasons(0),
+                    problem.assess(optimum.posture).reasons(0),
+                ),
             ),
+            *([] if cooperative is None else [_bound(optimum, cooperative)]),
+            assumptions,
+            _starts([optimum, *([] if cooperative is None else [cooperative])]),
+            options,
         ],
     )
     write_page(page, path)
@@ -220,23 +225,6 @@ def _map(optimum: Optimum, problem: Problem, follower: ModelPerson, jobs: int) -
         " differ from the map's. Point at a cell to read it."
     )
     return Section("Map", intro, pictures, columns=True, chips=COLOURS)
-
-
-def _why(
-    optimum: Optimum, problem: Problem, before: dict[str, int], after: dict[str, int]
-) -> Section:
-    reasons = [
-        problem.assess(posture).reasons(0) for posture in (optimum.posture_before, optimum.posture)
-    ]
-    changed = [i for i, name in enumerate(palette.SEGMENTS) if before[name] != after[name]]
-    head = (f"before: REBA {optimum.reba_before}", f"best place: REBA {optimum.reba_after}")
-    return Section(
-        "Segments and reasons",
-        pictures=[Picture.of(lambda width: segments_chart(before, after, width=width))],
-        tables=[
-            PageTable(head, list(zip_longest(*reasons, fillvalue="")), marked=changed, even=True)
-        ],
-    )
 
 
 def _bound(optimum: Optimum, cooperative: Optimum) -> Section:

@@ -5,9 +5,11 @@ Everything except pictures is escaped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +21,7 @@ from ergoqp.errors import MissingExtraError
 from ergoqp.files.atomic import write_text_atomic
 from ergoqp.report import palette
 from ergoqp.report.charts.axes import NARROW, WIDTH
+from ergoqp.report.charts.strips import segments_chart
 from ergoqp.sheets.assessment import Assessment, assess_rows, read_postures
 
 
@@ -56,9 +59,9 @@ class Picture:
     narrow: str = ""
 
     @classmethod
-    def of(cls, draw: Callable[[float], str], caption: str = "") -> Picture:
-        """Return a drawing, given as a function of the width [px], at both widths of the page."""
-        return cls(draw(WIDTH), caption, draw(NARROW))
+    def of(cls, draw: Callable[..., str], caption: str = "") -> Picture:
+        """Return a drawing at both widths of the page; `draw` has the keyword `width` [px]."""
+        return cls(draw(width=WIDTH), caption, draw(width=NARROW))
 
 
 @dataclass(frozen=True)
@@ -115,27 +118,72 @@ class Page:
         title: heading, and title of the window.
         subtitle: text below it.
         headlines: the important scores, large.
-        change: difference between before and after, in words; may be empty.
-        stays: segments that still cost points, each with its reason, below `change`.
         facts: names and values of further numbers.
-        replay: the replay as a page of its own; empty without one.
-        replay_note: how the replay differs from real time.
         figures: flat figures of the important postures.
         sections: charts and tables.
+        change: difference between before and after, in words; may be empty.
+        replay: the replay as a page of its own; empty without one.
+        replay_note: how the replay differs from real time.
         notes: further problems, one sentence each.
+        stays: segments that still cost points, each with its reason, below `change`.
     """
 
     title: str
     subtitle: str
     headlines: Sequence[Headline]
-    change: str
     facts: Sequence[tuple[str, str]]
-    replay: str
-    replay_note: str
     figures: Sequence[Picture]
-    sections: Sequence[Section] = field(default_factory=tuple)
-    notes: Sequence[str] = field(default_factory=tuple)
-    stays: Sequence[str] = field(default_factory=tuple)
+    sections: Sequence[Section] = ()
+    change: str = ""
+    replay: str = ""
+    replay_note: str = ""
+    notes: Sequence[str] = ()
+    stays: Sequence[str] = ()
+
+
+def score_headline(label: str, score: float) -> Headline:
+    """Return a score or a mean of scores as a headline, in the colour of its action level."""
+    level = int(palette.level_of_score(round(score)))
+    words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
+    return Headline(label, f"{score:.2f}".rstrip("0").rstrip(".") if score else "–", level, words)
+
+
+def segments_section(
+    head: tuple[str, str],
+    before: Mapping[str, int],
+    after: Mapping[str, int],
+    reasons: tuple[Sequence[str], Sequence[str]],
+) -> Section:
+    """Return the section of the segments before and after, with their reasons.
+
+    Args:
+        head: the two postures, above their reasons.
+        before: segment -> score.
+        after: segment -> score.
+        reasons: sentences on each posture; the first are those of the segments, in their order.
+    """
+    changed = [i for i, name in enumerate(palette.SEGMENTS) if before[name] != after[name]]
+    rows = list(zip_longest(*reasons, fillvalue=""))
+    return Section(
+        "Segments and reasons",
+        pictures=[Picture.of(partial(segments_chart, before, after))],
+        tables=[PageTable(head, rows, marked=changed, even=True)],
+    )
+
+
+def closing_sections(
+    assumptions: Sequence[str], options: Sequence[tuple[str, str]]
+) -> tuple[Section, Section]:
+    """Return the last sections: what was assumed, and the options as (what, value)."""
+    return (
+        Section("Assumptions", sentences=assumptions or ["None."]),
+        Section(
+            "Options",
+            tables=[PageTable(("what", "value"), options)] if options else [],
+            intro="" if options else "None.",
+            folded=True,
+        ),
+    )
 
 
 def write_page(page: Page, path: Path) -> None:

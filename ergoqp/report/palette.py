@@ -58,6 +58,11 @@ def risk_of_level(level: int) -> str:
     return reba.ACTION_LEVELS[level] if level >= 0 else "not scored"
 
 
+def risk_of_score(score: int) -> str:
+    """Return the sheet's word for the action level of a final score, ``"not scored"`` for 0."""
+    return risk_of_level(int(level_of_score(score)))
+
+
 def level_of_score(final: ArrayLike) -> NDArray[np.int64]:
     """Return the action level 0 to 4 of final scores, -1 for 0 (not scored); same shape."""
     return np.searchsorted(_SHEET.level_starts, np.asarray(final), side="right") - 1

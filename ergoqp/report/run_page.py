@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import zip_longest
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -15,16 +15,19 @@ from ergoqp.report.body.figure import posture_figure
 from ergoqp.report.body.person import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, timing_chart
-from ergoqp.report.charts.strips import Strip, segments_chart, segments_strips, strips_chart
+from ergoqp.report.charts.strips import Strip, segments_strips, strips_chart
 from ergoqp.report.page import (
     Headline,
     Page,
     PageTable,
     Picture,
     Section,
+    closing_sections,
     is_seated,
     plain,
+    score_headline,
     scored_alike,
+    segments_section,
     write_page,
 )
 from ergoqp.report.run_facts import (
@@ -60,42 +63,13 @@ def over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
         "Score",
         pictures=[
             Picture.of(
-                lambda width: score_chart(run.time, run.reba, run.cost, marks, width=width),
+                partial(score_chart, run.time, run.reba, run.cost, marks),
                 "Exact score of the true posture over time, with the risk levels.",
             ),
             Picture.of(
-                lambda width: segments_strips(run.time, scores.segments, width=width),
+                partial(segments_strips, run.time, scores.segments),
                 "Segment scores, in the colours of the body.",
             ),
-        ],
-    )
-
-
-def segments(run: Run, facts: RunFacts) -> Section:
-    """Return the section of the segments before and after, with their reasons."""
-    before, after = run.assessment.reasons(0), run.assessment.reasons(-1)
-    rows = list(zip_longest(before, after, fillvalue=""))
-    changed = [
-        i
-        for i, name in enumerate(palette.SEGMENTS)
-        if facts.segments_before[name] != facts.segments_after[name]
-    ]  # the first sentences are those of the segments, in this order
-    return Section(
-        "Segments and reasons",
-        pictures=[
-            Picture.of(
-                lambda width: segments_chart(
-                    facts.segments_before, facts.segments_after, width=width
-                )
-            )
-        ],
-        tables=[
-            PageTable(
-                (f"before: REBA {facts.before}", f"after: REBA {facts.after}"),
-                rows,
-                marked=changed,
-                even=True,
-            )
         ],
     )
 
@@ -112,17 +86,15 @@ def motion(run: Run) -> Section:
         f" The path of the object is {100 * way:.1f} cm long and ends {100 * apart:.1f} cm from its"
         " start.",
         pictures=[
-            _velocity(run, "Linear", linear, "mm/s"),
-            _velocity(run, "Angular", angular, "deg/s"),
+            Picture.of(
+                partial(lines_chart, f"{which} velocity of the object", run.time, series, unit),
+                f"{which} velocity.",
+            )
+            for which, series, unit in (
+                ("Linear", linear, "mm/s"),
+                ("Angular", angular, "deg/s"),
+            )
         ],
-    )
-
-
-def _velocity(run: Run, which: str, series: dict[str, np.ndarray], unit: str) -> Picture:
-    title = f"{which} velocity of the object"
-    return Picture.of(
-        lambda width: lines_chart(title, run.time, series, unit, width=width),
-        f"{which} velocity.",
     )
 
 
@@ -135,36 +107,22 @@ def limits(run: Run) -> Section:
     shown = sorted(names, key=lambda name: -int(held[name].sum()))[:_MOST_LIMITS]
     styles = {1: ("active", "active")}
     strips = [Strip(spoken(name), held[name], styles, _share(held[name])) for name in shown]
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
     missing = len(names) - len(shown)
     intro = "When a limit held the object back." if names else "No limit held the object back."
     if missing:
         intro += f" {missing} more were active for a smaller share."
-    pictures = (
-        [
-            Picture.of(
-                lambda width: strips_chart(
-                    "Active limits over time", f"{said}.", run.time, strips, width=width
-                )
-            )
-        ]
-        if strips
-        else []
-    )
+    chart = partial(strips_chart, "Active limits over time", run.time, strips)
     broken = [(spoken(name), *rest) for name, *rest in violation_rows(run)]
-    tables = (
-        [PageTable(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))]
-        if broken
-        else []
-    )
+    tables = []
     if broken:
         intro += " The steps that broke one were counted by an independent checker."
+        tables = [PageTable(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))]
     sentences = [
         f"The simulated person's own {spoken(joint)} was beyond its range in {count} samples."
         for joint, count in run.person_outside.items()
         if count
     ]
-    return Section("Limits", intro, pictures, tables, sentences)
+    return Section("Limits", intro, [Picture.of(chart)] if strips else [], tables, sentences)
 
 
 def steps(run: Run, facts: RunFacts) -> Section:
@@ -175,30 +133,20 @@ def steps(run: Run, facts: RunFacts) -> Section:
         here = (statuses == status).astype(np.int64)
         style = {1: (_STATUS_STYLE.get(status, "unscored"), status)}
         strips.append(Strip(status, here, style, f"{count} · {_share(here)}"))
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
+    head, reasons = ("status", "steps", "first, s", "last, s", "reason"), reasons_of(run)
     return Section(
         "Control steps",
         pictures=[
             Picture.of(
-                lambda width: strips_chart(
-                    "Status of each step over time", f"{said}.", run.time, strips, width=width
-                ),
+                partial(strips_chart, "Status of each step over time", run.time, strips),
                 "Status of each step.",
             ),
             Picture.of(
-                lambda width: timing_chart(run.step_time, run.dt, width=width),
+                partial(timing_chart, run.step_time, run.dt),
                 f"Duration of a step: {facts.timing}.",
             ),
         ],
-        tables=(
-            [
-                PageTable(
-                    ("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3)
-                )
-            ]
-            if (rows := reasons_of(run))
-            else []
-        ),
+        tables=[PageTable(head, reasons, numeric=(1, 2, 3))] if reasons else [],
     )
 
 
@@ -234,9 +182,11 @@ def write_run_page(run: Run, path: Path) -> None:
         forces=run.forces if np.isfinite(run.forces).any() else None,
     )
     timing = timing_of(run.time)
+    begins = "" if run.recording is None else f", starting from the recording {run.recording}"
     page = Page(
         title=run.title[:1].upper() + run.title[1:],
-        subtitle=_subtitle(run),
+        subtitle="REBA of a simulated person who follows the object. Problem"
+        f" {run.problem}{begins}.",
         headlines=_headlines(facts),
         change=facts.added,
         stays=facts.stays,
@@ -247,16 +197,23 @@ def write_run_page(run: Run, path: Path) -> None:
         figures=[_figure(run, 0, "before"), _figure(run, -1, "after")],
         sections=[
             over_time(run, facts, scores),
-            segments(run, facts),
+            segments_section(
+                (f"before: REBA {facts.before}", f"after: REBA {facts.after}"),
+                facts.segments_before,
+                facts.segments_after,
+                (run.assessment.reasons(0), run.assessment.reasons(-1)),
+            ),
             motion(run),
             *_tries(run),
             limits(run),
             steps(run, facts),
-            Section("Assumptions", sentences=run.assumptions or ["None."]),
-            Section(
-                "Options",
-                tables=[PageTable(("what", "value"), _options(run))],
-                folded=True,
+            *closing_sections(
+                run.assumptions,
+                [
+                    *run.options,
+                    ("control period", f"{plain(1e3 * run.dt)} ms"),
+                    ("seed", str(run.seed)),
+                ],
             ),
         ],
     )
@@ -308,36 +265,21 @@ def _notes(run: Run, facts: RunFacts) -> list[str]:
 
 def _headlines(facts: RunFacts) -> list[Headline]:
     """Return the scores before, without moving the object, and after; and the best if lower."""
-    found = [_headline("before", facts.before)]
+    found = [score_headline("before", facts.before)]
     if facts.standing_still:
-        found.append(_headline("had the object stayed", facts.standing_still))
-    found.append(replace(_headline("after", facts.after), arrow=True))
+        found.append(score_headline("had the object stayed", facts.standing_still))
+    found.append(replace(score_headline("after", facts.after), arrow=True))
     if facts.best < facts.after:
-        found.append(_headline(f"best, at {facts.best_at:.1f} s", facts.best))
+        found.append(score_headline(f"best, at {facts.best_at:.1f} s", facts.best))
     return found
-
-
-def _headline(label: str, score: int) -> Headline:
-    level = int(palette.level_of_score(score))
-    words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
-    return Headline(label, str(score) if score else "–", level, words)
-
-
-def _options(run: Run) -> list[tuple[str, str]]:
-    return [
-        *run.options,
-        ("control period", f"{plain(1e3 * run.dt)} ms"),
-        ("seed", str(run.seed)),
-    ]
-
-
-def _subtitle(run: Run) -> str:
-    start = "" if run.recording is None else f", starting from the recording {run.recording}"
-    return f"REBA of a simulated person who follows the object. Problem {run.problem}{start}."
 
 
 def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
     let_go = [] if run.let_go is None else [("the person let go", f"at {run.let_go:.1f} s")]
+    unbalanced = []
+    if run.unbalanced:
+        share = f"{100 * run.unbalanced:.1f} % of the time"
+        unbalanced = [("centre of mass beyond the feet", share)]
     broken = sum(run.violations.values())
     return [
         (
@@ -349,16 +291,9 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
         ("limits broken", "none" if not broken else f"{broken} times, see the limits"),
         ("person", f"{run.follower.replace('_', ' ')}, {run.body.stature:.2f} m"),
         *let_go,
-        *_out_of_balance(run),
+        *unbalanced,
         *_felt(run),
     ]
-
-
-def _out_of_balance(run: Run) -> list[tuple[str, str]]:
-    """Return the share of time in which the person would have had to step or to hold on."""
-    if not run.unbalanced:
-        return []
-    return [("centre of mass beyond the feet", f"{100 * run.unbalanced:.1f} % of the time")]
 
 
 def _felt(run: Run) -> list[tuple[str, str]]:
@@ -385,6 +320,4 @@ def _figure(run: Run, row: int, name: str) -> Picture:
         f"Posture {name}",
         run.poses[row],
     )
-    return Picture(
-        svg, f"{name}: REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}"
-    )
+    return Picture(svg, f"{name}: REBA {score}, {palette.risk_of_score(score)}")

@@ -19,7 +19,7 @@ that is inside must stay inside: the pose is never further out than at its neare
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final
 
@@ -211,14 +211,16 @@ _SOLVED = 1e-7
 """Accuracy to which the QP keeps a joint's rate [rad/s]."""
 
 
-@dataclass
 class Checker:
     """Counts the violations of limits in one loop, step by step.
 
-    Attributes:
+    Args:
         problem: the problem with the limits.
+
+    Attributes:
         violations: number of steps that broke a limit, per limit.
         max_violation: largest violation of each limit, in the unit of `units`.
+        units: unit of each limit.
 
     Example:
         >>> import numpy as np
@@ -234,14 +236,9 @@ class Checker:
         (True, 1)
     """
 
-    problem: Problem
-    violations: dict[str, int] = field(default_factory=dict)
-    max_violation: dict[str, float] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
+    def __init__(self, problem: Problem) -> None:
         """Set every count to zero, so that a limit that is never broken is reported too."""
-        limit = self.problem.twist_limit
+        self.problem, limit = problem, problem.twist_limit
         self._speed = np.array([limit.linear_speed] * 3 + [limit.angular_speed] * 3)
         self._acceleration = np.array(
             [limit.linear_acceleration] * 3 + [limit.angular_acceleration] * 3
@@ -249,11 +246,10 @@ class Checker:
         self._frozen = np.array(
             [axis not in limit.axes for axis in ("x", "y", "z", "rx", "ry", "rz")]
         )
-        self._box = self.problem.limit_of(WorkspaceBox)
-        self._cone = self.problem.limit_of(AxisCone)
-        self._joints = self.problem.limit_of(JointLimit)
-        self._boundary = self.problem.limit_of(OneClassBoundary)
-        self._length = self.problem.limit_of(ArmLength)
+        kinds = (WorkspaceBox, AxisCone, JointLimit, OneClassBoundary, ArmLength)
+        self._box, self._cone, self._joints, self._boundary, self._length = map(
+            problem.limit_of, kinds
+        )
         units = {"speed": "m/s, rad/s", "acceleration": "m/s^2, rad/s^2", "axes": "m/s, rad/s"}
         units |= {"jerk": "m/s^3, rad/s^3"} if self.problem.average else {}
         units |= {"workspace": "m"} if self._box else {}
@@ -261,15 +257,13 @@ class Checker:
         units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
         units |= {"boundary": "log"} if self._boundary else {}
         units |= {"arm length": "m"} if self._length else {}
-        units |= {
-            name: limit.unit for limit in self.problem.own_limits.limits for name in limit.names
-        }
-        self._ways = Ways(self.problem)
+        own = problem.own_limits.limits
+        units |= {name: limit.unit for limit in own for name in limit.names}
+        self._ways = Ways(problem)
         self._least_out: dict[str, np.ndarray] = {}
-        self._last: tuple[np.ndarray, float] = (np.zeros(6), self.problem.dt)
+        self._last = (np.zeros(6), problem.dt)
         self.units = units
-        self.violations = dict.fromkeys(units, 0)
-        self.max_violation = dict.fromkeys(units, 0.0)
+        self.violations, self.max_violation = dict.fromkeys(units, 0), dict.fromkeys(units, 0.0)
 
     def check(
         self,
@@ -315,16 +309,9 @@ class Checker:
                 "workspace", _outside_box(pose, low, high), _outside_box(after, low, high)
             )
         if self._cone:
-            before, behind = (
-                np.array(
-                    [
-                        _angle(frame[:3, 0], self._cone.direction)
-                        - np.radians(self._cone.half_angle_deg)
-                    ]
-                )
-                for frame in (pose, after)
-            )
-            excess["tool axis"] = self._further_out("tool axis", before, behind)
+            angles = [_angle(frame[:3, 0], self._cone.direction) for frame in (pose, after)]
+            out = np.array(angles)[:, None] - np.radians(self._cone.half_angle_deg)
+            excess["tool axis"] = self._further_out("tool axis", *out)
         if self._joints and posture is not None:
             kept = np.array([name not in gave_way for name in self.problem.coordinates])
             excess |= self._joint_excess(posture, rate, dt, observed, stops, kept)
@@ -383,12 +370,8 @@ class Checker:
         for limit in own.limits:
             if limit.hard:
                 before, behind = self._outside_own(limit, pose, after)
-                further = [
-                    self._further_out(name, *ends)
-                    for name, *ends in zip(
-                        limit.names, before[:, None], behind[:, None], strict=True
-                    )
-                ]
+                ends = zip(limit.names, before[:, None], behind[:, None], strict=True)
+                further = [self._further_out(*end) for end in ends]
             elif posture is None or stops:
                 continue
             else:

@@ -132,44 +132,24 @@ def _told(robot: DeclaredRobot | RobotKind) -> str:
     return ", ".join(words)
 
 
-_UNITS: Final[dict[str, str]] = {
-    "look_ahead": "s",
-    "smoothing": "s",
-    "rest_after": "s",
-    "move_after": "s",
-    "rest_filter": "s",
-    "max_age": "s",
-    "average": "s",
-    "delay": "s",
-    "lag": "s",
-    "pose_delay": "s",
-    "pose_noise": "m",
-    "longest_hold": "s",
-    "recovery_time": "s",
-    "relaxation_time": "s",
-    "rate_deg": "deg/s",
-    "rest_below": "points",
-    "move_above": "points",
-    "guide_gain": "points",
-    "guide_price": "points",
-    "effort_linear": "points/(m/s)²",
-    "effort_angular": "points/(rad/s)²",
-    "contact": "points/(m/s)²",
-    "comfort": "points/rad²",
-    "linear_speed": "m/s",
-    "angular_speed": "rad/s",
-    "linear_acceleration": "m/s²",
-    "angular_acceleration": "rad/s²",
-    "lower": "m",
-    "upper": "m",
-    "seat_height": "m",
-    "stature": "m",
+_IN_UNITS: Final = {
+    "s": "look_ahead smoothing rest_after move_after rest_filter max_age average delay lag"
+    " pose_delay longest_hold recovery_time",
+    "m": "pose_noise lower upper",
+    "points": "rest_below move_above guide_gain guide_price",
+    "points/(m/s)²": "effort_linear contact",
+    "points/(rad/s)²": "effort_angular",
+    "points/rad²": "comfort",
+    "m/s": "linear_speed",
+    "rad/s": "angular_speed",
+    "m/s²": "linear_acceleration",
+    "rad/s²": "angular_acceleration",
+    "deg/s": "rate_deg",
 }
+_UNITS: Final = {name: unit for unit, names in _IN_UNITS.items() for name in names.split()}
 _ENDINGS: Final = {"_deg": "deg", "_kg": "kg"}
-_INNER: Final = (
-    "tolerance",
-    "yield_zone",
-)  # fields of every limit, in its own unit, that only concern how rows are built
+_INNER: Final = ("tolerance", "yield_zone")
+"""Fields of every limit, in its own unit, that only concern how rows are built."""
 
 
 def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
@@ -180,25 +160,23 @@ def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
         solver: name of the QP solver.
     """
     control = _fields(problem.control) | {"average": problem.average}
-    changed = [
-        (name, value)
-        for name, value in _fields(problem.method).items()
-        if value != getattr(Method(), name)
-    ]
+    method, robot, usual = _fields(problem.method), _fields(problem.robot), _fields(Method())
+    changed = {name: value for name, value in method.items() if value != usual[name]}
     return [
         ("cost", _cost(problem.cost)),
         ("person in the controller", _response(problem.response)),
         *((_spaced(type(limit).__name__), _sentence(_fields(limit))) for limit in problem.limits),
-        *(("task: " + _label(name), _value(name, value)) for name, value in problem.task.items()),
-        *(("method: " + _label(name), _value(name, value)) for name, value in changed),
-        *(("control: " + _label(name), _value(name, value)) for name, value in control.items()),
-        *(
-            ("robot: " + _label(name), _value(name, value))
-            for name, value in _fields(problem.robot).items()
-            if value
-        ),
+        *in_words(problem.task, "task: "),
+        *in_words(changed, "method: "),
+        *in_words(control, "control: "),
+        *in_words({name: value for name, value in robot.items() if value}, "robot: "),
         ("QP solver", solver),
     ]
+
+
+def in_words(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Return names and values of options as text for people; `prefix` is before each name."""
+    return [(prefix + _label(name), _value(name, value)) for name, value in values.items()]
 
 
 def _cost(cost: Any) -> str:
@@ -235,7 +213,7 @@ def _sentence(values: Mapping[str, Any]) -> str:
         for name, value in values.items()
         if name not in _INNER and value not in ({}, ())
     }
-    return "; ".join(f"{_label(name)} {_value(name, value)}" for name, value in told.items())
+    return "; ".join(map(" ".join, in_words(told)))
 
 
 def _label(name: str) -> str:
@@ -252,11 +230,7 @@ def _value(name: str, value: Any) -> str:
 
 
 def _plain(value: Any) -> str:
-    if (
-        isinstance(value, tuple)
-        and len(value) == 2
-        and all(isinstance(each, bool) for each in value)
-    ):
+    if isinstance(value, tuple) and [type(each) for each in value] == [bool, bool]:
         sides = [side for side, each in zip(("right", "left"), value, strict=True) if each]
         return " and ".join(sides) or "no"
     if isinstance(value, bool):

@@ -192,6 +192,9 @@ def summary_of_run(run: Run) -> dict[str, Any]:
     }
 
 
+_PLAIN = ("time", "postures", "base_poses", "forces", "poses", "twists", "reba", "cost")
+
+
 def arrays_of(run: Run) -> dict[str, np.ndarray]:
     """Return the contents of ``run.npz``.
 
@@ -199,14 +202,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
     """
     names = sorted({name for active in run.active for name in active})
     return {
-        "time": run.time,
-        "postures": run.postures,
-        "base_poses": run.base_poses,
-        "forces": run.forces,
-        "poses": run.poses,
-        "twists": run.twists,
-        "reba": run.reba,
-        "cost": run.cost,
+        **{name: getattr(run, name) for name in _PLAIN},
         "step_time": run.step_time,
         "statuses": np.array(run.statuses, dtype=np.str_),
         "reasons": np.array(run.reasons, dtype=np.str_),

@@ -147,7 +147,14 @@ def simulate(
     problem, robot = with_own_robot(in_world(problem), who, robot, seed)
     unmoved = start.copy()
     unmoved.rest(unmoved.pose)
-    checker = _Watched(problem, progress, round(duration / problem.dt))
+    checker, steps = Checker(problem), round(duration / problem.dt)
+
+    def tell(now: float, _: Holding) -> bool:
+        done = round(now / problem.dt)
+        if progress is not None and done % max(1, steps // 100) == 0:
+            progress(done / steps)
+        return False
+
     place = None if guide is None else read_guide(problem, guide)
     if seek is not None and place is not None:
         raise InputError("seek: got places beside a guide, allowed one of the two")
@@ -162,15 +169,12 @@ def simulate(
         observed=seen,
         checker=checker,
         robot=robot,
+        beside=tell,
     )
     postures = np.array(trace.postures)
     scores = problem.assess(postures).final
     settled = settle_time(trace)
-    unobserved = (
-        ()
-        if seen is None
-        else tuple(name for name, there in zip(JOINTS, seen, strict=True) if not there)
-    )
+    unobserved = () if seen is None else tuple(JOINTS[j] for j in np.flatnonzero(~seen))
     return Run(
         problem=problem.name,
         title=problem.title or problem.name,
@@ -215,19 +219,3 @@ def simulate(
         guide=place,
         tries=() if seeker is None else tuple(seeker.account),
     )
-
-
-class _Watched(Checker):
-    """A checker that also reports progress, because it is called at every step."""
-
-    def __init__(self, problem: Problem, progress: Progress | None, steps: int) -> None:
-        super().__init__(problem)
-        self._progress, self._steps, self._done = progress, steps, 0
-        self._every = max(1, steps // 100)
-
-    def check(self, *args: Any, **kwargs: Any) -> list[str]:
-        """Check one step, and report the progress of the loop."""
-        self._done += 1
-        if self._progress is not None and self._done % self._every == 0:
-            self._progress(self._done / self._steps)
-        return super().check(*args, **kwargs)

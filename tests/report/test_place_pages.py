@@ -13,7 +13,7 @@ from ergoqp.placing.optimise import begin_from, optimise
 from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.load import load_problem
 from ergoqp.report import palette
-from ergoqp.report.body.figure import Standing, lineup
+from ergoqp.report.body.figure import Drawing, Standing, lineup
 from ergoqp.report.charts.strips import Spot, score_map
 from ergoqp.report.optimum_page import change_of, place_words
 from ergoqp.rest.model_person import ModelPerson
@@ -170,7 +170,7 @@ def standing(label, stature, angles, score):
     base, contact = np.eye(4), np.eye(4)
     base[2, 3], contact[:3, 3] = 0.53 * stature, (0.4, -0.2, 1.0)
     segments = dict.fromkeys(palette.SEGMENTS, 1)
-    return Standing(body, posture(angles), base, segments, label, score, contact)
+    return Standing(label, score, Drawing(body, posture(angles), base, segments, contact))
 
 
 def test_a_row_of_people_is_on_one_scale():

@@ -214,7 +214,7 @@ def per_joint(field: str) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Habits:
+class MotorParameters:
     """How a person of this kind plans, balances and holds; the same for all unless noted.
 
     Attributes:
@@ -263,7 +263,7 @@ class Habits:
     eye_range: float = 0.35
 
 
-HABITS: Final = Habits()
+HABITS: Final = MotorParameters()
 
 
 @dataclass(frozen=True)

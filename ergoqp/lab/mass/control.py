@@ -456,16 +456,15 @@ class Control:
         """
         places = grasp.places(data)
         if alone:
-            self._lifts = self._lifts + _share(HABITS.plan_period, HABITS.lift_time) * (
-                self._late[0] - places
-            )
+            share = _share(HABITS.plan_period, HABITS.lift_time)
+            self._lifts = self._lifts + share * (self._late[0] - places)
         else:
             self._late.append(places)
             while len(self._late) > self._delay + 1:
                 self._late.popleft()
         soles = None
         if self._support.on_feet:
-            soles = [_flat(site_pose(data, f"{side}_sole")) for side in SIDES]
+            soles = [flat(site_pose(data, f"{side}_sole")) for side in SIDES]
         points = self._late[0] + self._lifts
         for _ in range(_STEPS):
             self.plan = self._planner.step(self.plan, points, soles)
@@ -484,7 +483,7 @@ def _share(dt: float, time: float) -> float:
     return 1.0 - float(np.exp(-dt / time))
 
 
-def _flat(sole: np.ndarray) -> np.ndarray:
+def flat(sole: np.ndarray) -> np.ndarray:
     """Return where a sole stands (4, 4): level, and on the floor."""
     stands = np.eye(4)
     stands[:3, :3], stands[:2, 3] = upright(sole[:3, :3]), sole[:2, 3]

@@ -26,6 +26,7 @@ from ergoqp.lab.mass.control import (
     Grasp,
     Support,
     contact_in,
+    flat,
     reported,
     site_pose,
     upright,
@@ -99,40 +100,13 @@ _PERIOD: Final = 0.05
 """Period of the simulation while the person is not in a loop [s]."""
 
 
-@dataclass(frozen=True)
-class Beginning:
-    """Who takes hold of the object, and how they stand at that time.
-
-    Attributes:
-        person: the person.
-        model: model of the person, the object and the robot; not changed.
-        planner: computes the posture that the person wants.
-        hands: hands that hold.
-        tool: axis of the tool in the hand.
-        seated: whether the pelvis is on a seat.
-        compensation: share of gravity that the muscles compensate.
-        qpos: pelvis and joints (39,).
-        soles: where they stand (4, 4) each [m]; None: they hang.
-        height: height of the pelvis on its seat, or in standing upright [m].
-    """
-
-    person: Person
-    model: mujoco.MjModel
-    planner: Planner
-    hands: tuple[str, ...]
-    tool: str
-    seated: bool
-    compensation: float
-    qpos: np.ndarray
-    soles: list[np.ndarray] | None
-    height: float
-
-
 class MassHolding(Holding):
     """A person with mass who holds the object, and the robot that holds it too.
 
     Args:
-        beginning: the person, and how they stand.
+        person: who takes hold of the object.
+        qpos: pelvis and joints at that time (39,).
+        soles: where they stand (4, 4) each [m]; None: they hang.
         senses: the delay of the person.
 
     Attributes:
@@ -140,27 +114,34 @@ class MassHolding(Holding):
         data: data of the simulation, for inspection.
     """
 
-    def __init__(self, beginning: Beginning, senses: SensorModel) -> None:
+    def __init__(
+        self,
+        person: Mass,
+        qpos: np.ndarray,
+        soles: list[np.ndarray] | None,
+        senses: SensorModel,
+    ) -> None:
         """Take hold of the object, and hold it still for `STILL` seconds."""
-        self._is, self.senses = beginning, senses
-        self.model = copy(beginning.model)
+        self._person, self.senses = person, senses
+        self._hands, self._seated = person.traits.wishes.hands, person.traits.wishes.seated
+        self.model = copy(person.model)
         self.data = data = mujoco.MjData(self.model)
         self._pelvis = int(self.model.body("pelvis").id)
-        data.qpos[:PERSON_QPOS] = beginning.qpos
+        data.qpos[:PERSON_QPOS] = qpos
         data.qpos[-4] = 1.0
         mujoco.mj_kinematics(self.model, data)
-        self._asked = contact_in(data, beginning.hands, beginning.tool)
+        self._asked = contact_in(data, self._hands, person.traits.work.tool)
         data.qpos[-7:-4] = self._asked[:3, 3]
         mujoco.mju_mat2Quat(data.qpos[-4:], self._asked[:3, :3].ravel())
         mujoco.mj_forward(self.model, data)
-        self._grasp = Grasp(self.model, beginning.hands)
+        self._grasp = Grasp(self.model, self._hands)
         self._grasp.take(data)
         mujoco.mj_forward(self.model, data)
-        self._support = Support(self.model, beginning.seated, beginning.soles is not None)
+        self._support = Support(self.model, self._seated, soles is not None)
         self._control = Control(
-            beginning.planner,
+            person.planner,
             self._support,
-            beginning.compensation,
+            person.traits.compensation,
             senses.delay,
             data,
             self._grasp.points,
@@ -170,7 +151,7 @@ class MassHolding(Holding):
 
     def _hold_still(self) -> float:
         """Hold still for that time, and return the largest displacement of a hand [m]."""
-        hands = [self.model.site(f"{side}_grip").id for side in self._is.hands]
+        hands = [self.model.site(f"{side}_grip").id for side in self._hands]
         before, drift = self.data.site_xpos[hands].copy(), 0.0
         for _ in range(round(STILL / _PERIOD)):
             self.follow(self._asked, _PERIOD)
@@ -191,7 +172,7 @@ class MassHolding(Holding):
     @property
     def person(self) -> Person:
         """The person."""
-        return self._is.person
+        return self._person
 
     @property
     def posture(self) -> np.ndarray:
@@ -261,7 +242,7 @@ class MassHolding(Holding):
     def _tips(self, stood: np.ndarray) -> bool:
         """Return whether a standing person leaves the earlier positions of the soles (2, 3) [m]."""
         away = np.linalg.norm(self._soles() - stood, axis=1)
-        return not self._is.seated and bool(away.max() > _TIPS)
+        return not self._seated and bool(away.max() > _TIPS)
 
     def copy(self) -> Self:
         """Return an independent copy of the state."""
@@ -318,7 +299,7 @@ class MassHolding(Holding):
         self.force = self._grasp.wrench(data)
         self.slipped = self._grasp.slipped
         self.unbalanced = not self._support.carries(data)
-        self.fallen = has_fallen(data, self._is.seated, self._is.height)
+        self.fallen = has_fallen(data, self._seated, self._person.pelvis_height)
 
 
 _OWN_EFFORT: Final = (0.5, 2.0)
@@ -479,21 +460,12 @@ class Mass(Person):
         They have held it still for `ergoqp.lab.mass.person.STILL` seconds.
         """
         qpos, soles = self.stand(posture)
-        return MassHolding(
-            Beginning(
-                person=self,
-                model=self.model,
-                planner=self.planner,
-                hands=self.traits.wishes.hands,
-                tool=self.traits.work.tool,
-                seated=self.traits.wishes.seated,
-                compensation=self.traits.compensation,
-                qpos=qpos,
-                soles=soles,
-                height=self.seat if self.traits.wishes.seated else self._hips_above_soles,
-            ),
-            senses or self.senses,
-        )
+        return MassHolding(self, qpos, soles, senses or self.senses)
+
+    @property
+    def pelvis_height(self) -> float:
+        """Height of the pelvis on its seat, or in standing upright [m]."""
+        return self.seat if self.traits.wishes.seated else self._hips_above_soles
 
     def stand(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
         """Return pelvis and joints (39,) in a posture, and where the soles stand (4, 4) each.
@@ -513,13 +485,9 @@ class Mass(Person):
             qpos[:3] = heading.T @ (qpos[:3] - middle)
             mujoco.mju_mat2Quat(qpos[3:7], heading.T.ravel())
             soles = [site_pose(self.planner.look(qpos), f"{side}_sole") for side in SIDES]
-        flat = []
-        for sole in soles:
-            stands = np.eye(4)
-            stands[:3, :3], stands[:2, 3] = upright(sole[:3, :3]), sole[:2, 3]
-            flat.append(stands)
+        soles = [flat(sole) for sole in soles]
         as_given = replace(self.traits.wishes, comfort=qpos[7:], balance=0.0)
-        return Planner(self.model, as_given).settle(qpos, None, flat, steps=30).qpos, flat
+        return Planner(self.model, as_given).settle(qpos, None, soles, steps=30).qpos, soles
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Plan, from comfort and not simulated, the posture with the object at `pose` (4, 4)."""
@@ -535,11 +503,9 @@ class Mass(Person):
         reached = plan.arrived and self.planner.misses(qpos, there) < REACHED
         data = self.planner.look(qpos)
         if soles is not None:
-            off = max(
-                float(np.linalg.norm(site_pose(data, f"{side}_sole")[:3, 3] - sole[:3, 3]))
-                for side, sole in zip(SIDES, soles, strict=True)
-            )
-            reached = reached and off < REACHED
+            have = np.array([data.site(f"{side}_sole").xpos for side in SIDES])
+            off = np.linalg.norm(have - [sole[:3, 3] for sole in soles], axis=1).max()
+            reached = reached and bool(off < REACHED)
         return reported(data.body("pelvis").xmat.reshape(3, 3), qpos[7:]), reached
 
 

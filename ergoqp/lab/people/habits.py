@@ -331,7 +331,7 @@ _OWN_SPREAD: Final = (0.6, 1.7)
 
 
 @dataclass(frozen=True)
-class Habits:
+class PersonParameters:
     """Preferred posture and stiffness of one person.
 
     Attributes:
@@ -350,7 +350,7 @@ class Habits:
     steadiness: float
 
 
-def draw_habits(work: Work, rng: np.random.Generator) -> Habits:
+def draw_habits(work: Work, rng: np.random.Generator) -> PersonParameters:
     """Return random habits of a person for a work."""
     low, high = np.log(_OWN_SPREAD)
     factors = np.exp(rng.uniform(low, high, len(_SPREAD)))
@@ -366,7 +366,7 @@ def draw_habits(work: Work, rng: np.random.Generator) -> Habits:
             angle = ease.get("hip_abduction", 0.0)  # keeps the sole of an abducted leg level
         comfort[number] = np.radians(angle)
         spread[number] = np.radians(_SPREAD[name] * own[name])
-    return Habits(
+    return PersonParameters(
         comfort=np.clip(comfort, LOWER, UPPER),
         spread=spread,
         relaxation=float(rng.uniform(0.5, 1.5)),

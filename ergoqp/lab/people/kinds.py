@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.lab.people.habits import BASE, Habits, Work
+from ergoqp.lab.people.habits import BASE, PersonParameters, Work
 from ergoqp.lab.people.soft import REACHED, SoftBody, SoftHolding, SoftPerson, Wish
 from ergoqp.problem.geometry import pose_error
 from ergoqp.rest.person import SensorModel
@@ -291,7 +291,9 @@ class SteppingPerson(SoftPerson):
     holding: ClassVar[type[SoftHolding]] = SteppingHolding
 
     @classmethod
-    def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
+    def habits_of(
+        cls, habits: PersonParameters, work: Work, rng: np.random.Generator
+    ) -> PersonParameters:
         """Return the habits of these people: they lean."""
         spread = habits.spread.copy()
         for joint, number in INDEX.items():
@@ -334,7 +336,9 @@ class StubbornPerson(SoftPerson):
     manner: ClassVar[str] = "who keeps what they can of a favourite posture"
 
     @classmethod
-    def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
+    def habits_of(
+        cls, habits: PersonParameters, work: Work, rng: np.random.Generator
+    ) -> PersonParameters:
         """Return the habits of these people, with a favourite posture."""
         comfort, spread = habits.comfort.copy(), habits.spread.copy()
         favourite = _FAVOURITES[rng.integers(len(_FAVOURITES))]

@@ -25,7 +25,7 @@ from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.lab.people.habits import (
     BASE,
     BodyTasks,
-    Habits,
+    PersonParameters,
     Work,
     draw_body,
     draw_habits,
@@ -69,7 +69,9 @@ class SoftBody(Person):
     kind: ClassVar[str]
     manner: ClassVar[str]
 
-    def __init__(self, body: Body, work: Work, habits: Habits, senses: SensorModel) -> None:
+    def __init__(
+        self, body: Body, work: Work, habits: PersonParameters, senses: SensorModel
+    ) -> None:
         """Store the parts, and compute stiffness and damping."""
         self._body, self.work, self.habits, self._senses = body, work, habits, senses
         self.tasks = BodyTasks(body)
@@ -466,7 +468,9 @@ class SoftPerson(SoftBody):
         )
 
     @classmethod
-    def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
+    def habits_of(
+        cls, habits: PersonParameters, work: Work, rng: np.random.Generator
+    ) -> PersonParameters:
         """Return the habits of people of this kind, from habits drawn as for everybody."""
         return habits
 

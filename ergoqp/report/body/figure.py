@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ class Drawing:
             object.
 
     Attributes:
+        contact: as given.
         horizontal: leftmost and rightmost coordinate of the axes of all shapes, with a margin
             [m].
         vertical: lowest and highest coordinate, with a margin [m].
@@ -63,7 +64,7 @@ class Drawing:
         forward, left = base_pose[:3, 0], base_pose[:3, 1]
         self._across = np.cos(turn) * forward + np.sin(turn) * left  # to the right in the picture
         towards = np.sin(turn) * forward - np.cos(turn) * left  # toward the viewer
-        self._contact = contact
+        self.contact = contact
         self._groups: dict[tuple[str, str], list[_Shape]] = {}
         for part in parts_of(body):
             position, quaternion = (values[0] for values in placement.of(part.owner))
@@ -118,11 +119,10 @@ class Drawing:
                 svg.element("line", **line, stroke_width=width, stroke=colour)
                 for line, width in lines
             ]
-        if self._contact is not None:
-            x, y = at(self._contact[:3, 3])
-            tip_x, tip_y = at(self._contact[:3, 3] + 0.14 * self._contact[:3, 0])
-            drawn.append(svg.element("line", x1=x, y1=y, x2=tip_x, y2=tip_y, class_="tool"))
-            drawn.append(svg.element("circle", cx=x, cy=y, r=4, class_="dot"))
+        if self.contact is not None:
+            x, y = at(self.contact[:3, 3])
+            tip_x, tip_y = at(self.contact[:3, 3] + 0.14 * self.contact[:3, 0])
+            drawn += [svg.line(x, y, tip_x, tip_y, "tool"), svg.circle(x, y, 4, "dot")]
         return drawn
 
     @staticmethod
@@ -171,27 +171,18 @@ _GAP: Final = 6.0
 _WORDS: Final = 58.0  # room for the margin and two lines of text below the floor
 
 
-@dataclass(frozen=True, eq=False)
-class Standing:
+class Standing(NamedTuple):
     """One person of the row.
 
     Attributes:
-        body: the person.
-        posture: shape (32,) [rad].
-        base_pose: pelvis in the world, shape (4, 4).
-        segments: segment -> score.
         label: name of the person.
         score: final score.
-        contact: contact frame of the object, shape (4, 4).
+        drawing: the person with the object.
     """
 
-    body: Body
-    posture: NDArray[np.float64]
-    base_pose: NDArray[np.float64]
-    segments: Mapping[str, int]
     label: str
     score: int
-    contact: NDArray[np.float64]
+    drawing: Drawing
 
 
 def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> str:
@@ -202,30 +193,26 @@ def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> s
         title: title of the picture.
         width: largest width of the picture [px].
     """
-    drawings = [Drawing(p.body, p.posture, p.base_pose, p.segments, p.contact) for p in people]
-    top = max(drawing.vertical[1] for drawing in drawings)
-    bottom = min(0.0, *(drawing.vertical[0] for drawing in drawings))
+    top = max(person.drawing.vertical[1] for person in people)
+    bottom = min(0.0, *(person.drawing.vertical[0] for person in people))
     height = (top - bottom) * _SCALE + _WORDS
-    widths = [
-        max(
-            (d.horizontal[1] - d.horizontal[0]) * _SCALE,
-            width_of(p.label) + 8,
-            width_of(_words(p)) + 20,
-        )
-        for d, p in zip(drawings, people, strict=True)
-    ]
+    widths = []
+    for person in people:
+        left, right = person.drawing.horizontal
+        words = max(width_of(person.label) + 8, width_of(f"REBA {person.score}") + 20)
+        widths.append(max((right - left) * _SCALE, words))
     rows = _rows(widths, width)
     length = max(sum(widths[i] + _GAP for i in row) for row in rows)
     drawn: list[str] = []
     for number, row in enumerate(rows):
         floor = number * height + top * _SCALE
         end = sum(widths[i] + _GAP for i in row)
-        drawn.append(svg.element("line", x1=0, x2=end, y1=floor, y2=floor, class_="axis"))
-        held = floor - float(people[row[0]].contact[2, 3]) * _SCALE
-        drawn.append(svg.element("line", x1=0, x2=end, y1=held, y2=held, class_="mark"))
+        drawn.append(svg.line(0, floor, end, floor, "axis"))
+        held = floor - float(people[row[0]].drawing.contact[2, 3]) * _SCALE
+        drawn.append(svg.line(0, held, end, held, "mark"))
         x = 0.0
         for i in row:
-            drawn += _one(people[i], drawings[i], x, widths[i], floor, floor - bottom * _SCALE)
+            drawn += _one(people[i], x + widths[i] / 2, floor, floor - bottom * _SCALE)
             x += widths[i] + _GAP
     said = "; ".join(f"{person.label}: REBA {person.score}" for person in people)
     return svg.picture(
@@ -237,38 +224,17 @@ def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> s
     )
 
 
-def _one(
-    person: Standing, drawing: Drawing, x: float, width: float, floor: float, below: float
-) -> list[str]:
-    low, high = drawing.horizontal
-    middle = x + width / 2
+def _one(person: Standing, middle: float, floor: float, below: float) -> list[str]:
+    low, high = person.drawing.horizontal
     level = int(palette.level_of_score(person.score))
-    words = _words(person)
+    words, ink = f"REBA {person.score}", f"fill:{palette.ink_of_level(level)}"
     chip = width_of(words) + 18
     return [
-        *drawing.elements(_SCALE, middle - (low + high) / 2 * _SCALE, floor),
+        *person.drawing.elements(_SCALE, middle - (low + high) / 2 * _SCALE, floor),
         svg.text(person.label, middle, below + 20, class_="small middle"),
-        svg.element(
-            "rect",
-            x=middle - chip / 2,
-            y=below + 28,
-            width=chip,
-            height=19,
-            rx=9,
-            class_=f"level{level} edge",
-        ),
-        svg.text(
-            words,
-            middle,
-            below + 42,
-            class_="strong middle",
-            style=f"fill:{palette.ink_of_level(level)}",
-        ),
+        svg.rect(middle - chip / 2, below + 28, chip, 19, rx=9, class_=f"level{level} edge"),
+        svg.text(words, middle, below + 42, class_="strong middle", style=ink),
     ]
-
-
-def _words(person: Standing) -> str:
-    return f"REBA {person.score}"
 
 
 def _rows(widths: Sequence[float], most: float) -> list[list[int]]:

@@ -8,7 +8,7 @@ does not describe one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import mujoco
@@ -129,10 +129,8 @@ def place(body: Body, postures: NDArray[np.float64], base_poses: NDArray[np.floa
     hinges = [model.joint(name).qposadr[0] for name in JOINTS]
     owners = tuple(dict.fromkeys(part.owner for part in parts_of(body)))
     numbers = [model.body(owner).id for owner in owners]
-    positions, quaternions = (
-        np.empty((len(postures), len(owners), 3)),
-        np.empty((len(postures), len(owners), 4)),
-    )
+    positions = np.empty((len(postures), len(owners), 3))
+    quaternions = np.empty((len(postures), len(owners), 4))
     for i, (posture, pose) in enumerate(zip(postures, base_poses, strict=True)):
         data.qpos[base] = pose[:3, 3]
         data.qpos[yaw] = np.arctan2(pose[1, 0], pose[0, 0])
@@ -160,20 +158,11 @@ _SLACK: Final = 1.08
 """Total length of the links, relative to the length needed."""
 
 
-@dataclass(frozen=True)
-class Arm:
-    """One frame of the sketch: positions of shoulder, elbow and flange (3,) each [m]."""
-
-    shoulder: NDArray[np.float64]
-    elbow: NDArray[np.float64]
-    flange: NDArray[np.float64]
-
-
-def arm_of(poses: NDArray[np.float64], person: NDArray[np.float64]) -> list[Arm]:
-    """Return the arm for every pose of the object (n, 4, 4).
+def arm_of(poses: NDArray[np.float64], person: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the positions of shoulder, elbow and flange for every pose (n, 3, 3) [m].
 
     Args:
-        poses: poses of the object's contact frame.
+        poses: poses of the object's contact frame (n, 4, 4).
         person: position of the person on the floor (2,) [m].
     """
     flanges = poses[:, :3, 3] + _FLANGE * poses[:, :3, 0]
@@ -185,7 +174,7 @@ def arm_of(poses: NDArray[np.float64], person: NDArray[np.float64]) -> list[Arm]
     away = np.array([[cosine, -sine], [sine, cosine]]) @ away
     shoulder = np.array([*(middle[:2] + _BEHIND * away), middle[2] - 0.05])
     reach = float(np.linalg.norm(flanges - shoulder, axis=1).max()) * _SLACK / 2
-    return [Arm(shoulder, _elbow(shoulder, flange, reach), flange) for flange in flanges]
+    return np.array([[shoulder, _elbow(shoulder, flange, reach), flange] for flange in flanges])
 
 
 def _elbow(
@@ -215,9 +204,8 @@ class Holder:
     ) -> None:
         """Draw post, links and joints."""
         self._arms = arm_of(poses, person)
-        first = self._arms[0]
-        length = float(np.linalg.norm(first.elbow - first.shoulder))
-        scene, shoulder = server.scene, first.shoulder
+        scene, (shoulder, elbow, _) = server.scene, self._arms[0]
+        length = float(np.linalg.norm(elbow - shoulder))
         height = float(shoulder[2]) - floor
         scene.add_cylinder(
             "/robot/post",
@@ -237,21 +225,14 @@ class Holder:
 
     def show(self, frame: int) -> None:
         """Move the arm to a frame."""
-        arm = self._arms[frame]
-        points = (arm.shoulder, arm.elbow, arm.flange)
+        points = self._arms[frame]
         for joint, point in zip(self._joints, points, strict=True):
             joint.position = coarse(point)
         for link, begin, end in zip(self._links, points, points[1:], strict=False):
             link.position = coarse((begin + end) / 2)
-            link.wxyz = coarse(_upright_to(end - begin))
-
-
-def _upright_to(way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quaternion wxyz that rotates z to a direction."""
-    x, y, z = way / max(float(np.linalg.norm(way)), 1e-9)
-    quaternion = np.array([1.0 + z, -y, x, 0.0])
-    size = float(np.linalg.norm(quaternion))
-    return quaternion / size if size > 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])
+            upright = np.empty(4)
+            mujoco.mju_quatZ2Vec(upright, end - begin)
+            link.wxyz = coarse(upright)
 
 
 LONGEST: Final = 60.0
@@ -300,16 +281,14 @@ class Movement:
         objects = self.object_poses
         if objects is not None:
             objects = np.nan_to_num(objects[_held(samples, _finite(objects))])
-        return Movement(
-            body=self.body,
+        return replace(
+            self,
             time=self.time[samples],
             postures=np.nan_to_num(self.postures[shown]),
             base_poses=np.nan_to_num(self.base_poses[shown]),
             final=self.final[samples],
             segments={name: scores[samples] for name, scores in self.segments.items()},
             object_poses=objects,
-            seated=self.seated,
-            held=self.held,
             forces=None if self.forces is None else np.nan_to_num(self.forces[samples]),
         )
 

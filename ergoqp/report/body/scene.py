@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections import defaultdict
 from collections.abc import Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
@@ -270,11 +271,9 @@ class _Person:
             for owner in placement.owners
         ]
         self._meshes: list[tuple[str, Any, int]] = []
-        groups: dict[tuple[str, str | None, tuple[int, int, int] | None], list[Part]] = {}
+        groups = defaultdict[tuple[str, str | None, Any], list[Part]](list)
         for part in parts_of(movement.body):
-            groups.setdefault((part.owner, part.segment, _OWN_COLOUR.get(part.name)), []).append(
-                part
-            )
+            groups[part.owner, part.segment, _OWN_COLOUR.get(part.name)].append(part)
         for number, ((owner, segment, own), parts) in enumerate(groups.items()):
             vertices, faces = body_mesh(parts)
             level = self._level(segment, 0)
@@ -331,11 +330,7 @@ class _Words:
 
 def _score_text(movement: Movement, frame: int) -> str:
     score = int(movement.final[frame])
-    return (
-        f"REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}"
-        if score
-        else "not scored"
-    )
+    return f"REBA {score}, {palette.risk_of_score(score)}" if score else "not scored"
 
 
 def _time_text(movement: Movement, frame: int) -> str:

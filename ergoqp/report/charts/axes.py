@@ -234,14 +234,7 @@ class Plot:
         if bottom - top < 1:
             return
         self._back.append(
-            svg.element(
-                "rect",
-                x=self.left,
-                y=top,
-                width=self.right - self.left,
-                height=bottom - top,
-                **attributes,
-            )
+            svg.rect(self.left, top, self.right - self.left, bottom - top, **attributes)
         )
         self._front.append(svg.text(words, self.right + 6, (top + bottom) / 2 + 4, class_="small"))
 
@@ -257,11 +250,8 @@ class Plot:
             steps: hold each value until the next.
         """
         x, y = thinned(x, y, int(self.right - self.left))
-        self._front.append(
-            svg.element(
-                "path", d=svg.path(self.x(x), self.y(y), steps=steps), class_=f"line {style}"
-            )
-        )
+        drawn = svg.path(self.x(x), self.y(y), steps=steps)
+        self._front.append(svg.element("path", d=drawn, class_=f"line {style}"))
 
     def add(self, *elements: str) -> None:
         """Add elements in front, at pixel positions from the scales `x` and `y`."""
@@ -276,31 +266,48 @@ class Plot:
         drawn = []
         for tick in ticks:
             y = self.y.at(tick)
-            drawn.append(
-                svg.element("line", x1=self.left, x2=self.right, y1=y, y2=y, class_="grid")
-            )
+            drawn.append(svg.line(self.left, y, self.right, y, "grid"))
             drawn.append(svg.text(words_of(tick), self.left - 8, y + 4, class_="tick end"))
         drawn += time_axis(self.x, self.top, self.bottom, x_label)
-        turned = f"rotate(-90 14 {svg.number((self.top + self.bottom) / 2)})"
-        drawn.append(
-            svg.text(
-                y_label, 14, (self.top + self.bottom) / 2, class_="label middle", transform=turned
-            )
-        )
-        return drawn
+        return [*drawn, upright_label(y_label, (self.top + self.bottom) / 2)]
+
+
+def upright_label(label: str, middle: float) -> str:
+    """Return the label of a vertical axis, turned, with its middle at a height [px]."""
+    turned = f"rotate(-90 14 {svg.number(middle)})"
+    return svg.text(label, 14, middle, class_="label middle", transform=turned)
+
+
+def named_dot(x: float, y: float, r: float, style: str, words: str, right: float) -> list[str]:
+    """Return a dot with its name, on the side with room.
+
+    Args:
+        x: place of the dot [px].
+        y: likewise.
+        r: radius of the dot [px].
+        style: class of the dot.
+        words: the name; empty for none.
+        right: the name must end before this [px].
+    """
+    dot = svg.circle(x, y, r, style)
+    if not words:
+        return [dot]
+    if x + 12 + width_of(words) > right:
+        return [dot, svg.text(words, x - 10, y - 8, class_="strong end halo")]
+    return [dot, svg.text(words, x + 10, y - 8, class_="strong halo")]
 
 
 def time_axis(scale: Scale, top: float, bottom: float, label: str) -> list[str]:
     """Return the horizontal axis below a rectangle: line, ticks, numbers, label with its unit."""
-    drawn = [svg.element("line", x1=scale.start, x2=scale.end, y1=bottom, y2=bottom, class_="axis")]
+    drawn = [svg.line(scale.start, bottom, scale.end, bottom, "axis")]
     ends = -np.inf
     for tick in scale.ticks(max(3, min(8, int((scale.end - scale.start) / 60)))):
         x, half = scale.at(tick), width_of(words_of(tick)) / 2
         if x - half < ends + 6:
             continue  # its number would touch the one before
         ends = x + half
-        drawn.append(svg.element("line", x1=x, x2=x, y1=top, y2=bottom, class_="grid"))
-        drawn.append(svg.element("line", x1=x, x2=x, y1=bottom, y2=bottom + 4, class_="axis"))
+        drawn.append(svg.line(x, top, x, bottom, "grid"))
+        drawn.append(svg.line(x, bottom, x, bottom + 4, "axis"))
         drawn.append(svg.text(words_of(tick), x, bottom + 18, class_="tick middle"))
     drawn.append(svg.text(label, (scale.start + scale.end) / 2, bottom + 36, class_="label middle"))
     return drawn

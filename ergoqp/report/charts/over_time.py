@@ -17,7 +17,15 @@ from ergoqp.errors import MissingExtraError
 from ergoqp.files.atomic import atomic_write
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.axes import WIDTH, Plot, changes, padded, width_of, words_of
+from ergoqp.report.charts.axes import (
+    WIDTH,
+    Plot,
+    changes,
+    named_dot,
+    padded,
+    width_of,
+    words_of,
+)
 from ergoqp.report.page import microseconds
 
 SERIES = ("s0", "s1", "s2", "s3")
@@ -74,7 +82,8 @@ def score_chart(
     kept = np.unique(np.append(changes(final), len(final) - 1))
     plot.line(time[kept], held[kept], "score", steps=True)
     for at, score, name in marks:
-        plot.add(*_mark(plot, at, score, name))
+        x, y = plot.x.at(at), plot.y.at(score)
+        plot.add(*named_dot(x, y, 4.5, "dot", f"{name} {score}", plot.right))
     scored = final[final > 0]
     said = (
         f"From {scored[0]} to {scored[-1]}, highest {scored.max()}, lowest {scored.min()}."
@@ -142,14 +151,7 @@ def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float 
             # A single slow step must stay visible.
             height = max(plot.bottom - plot.y.at(value), 1.5)
             plot.add(
-                svg.element(
-                    "rect",
-                    x=left + 0.5,
-                    y=plot.bottom - height,
-                    width=right - left - 1,
-                    height=height,
-                    class_="bar",
-                )
+                svg.rect(left + 0.5, plot.bottom - height, right - left - 1, height, class_="bar")
             )
     median, p99 = float(np.median(lasted)), float(np.percentile(lasted, 99))
     marks = [
@@ -180,36 +182,16 @@ def shares_chart(
         length, words = share * width, f"{100 * share:.0f} %"
         style = f"level{level}" if level >= 0 else "unscored"
         if length > 0:
-            drawn.append(
-                svg.element(
-                    "rect",
-                    svg.tooltip(f"{name}: {words}"),
-                    x=x,
-                    y=4,
-                    width=length,
-                    height=36,
-                    class_=f"{style} edge",
-                )
-            )
+            what = svg.tooltip(f"{name}: {words}")
+            drawn.append(svg.rect(x, 4, length, 36, what, class_=f"{style} edge"))
         if length > width_of(words) + 8:
-            drawn.append(
-                svg.text(
-                    words,
-                    x + length / 2,
-                    27,
-                    class_="middle strong",
-                    style=f"fill:{palette.ink_of_level(level)}",
-                )
-            )
+            ink = f"fill:{palette.ink_of_level(level)}"
+            drawn.append(svg.text(words, x + length / 2, 27, class_="middle strong", style=ink))
         x += length
         label = f"{name}, {100 * share:.1f} %"
         if legend_x + 24 + width_of(label) > width:
             legend_x, legend_y = 0.0, legend_y + 22
-        drawn.append(
-            svg.element(
-                "rect", x=legend_x, y=legend_y - 10, width=14, height=12, class_=f"{style} edge"
-            )
-        )
+        drawn.append(svg.rect(legend_x, legend_y - 10, 14, 12, class_=f"{style} edge"))
         drawn.append(svg.text(label, legend_x + 20, legend_y, class_="small"))
         legend_x += 40 + width_of(label)
     said = "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
@@ -230,22 +212,6 @@ def _span(values: NDArray[np.float64]) -> str:
     )
 
 
-def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
-    """Return a dot with its name, on the side with room."""
-    x, y = plot.x.at(at), plot.y.at(score)
-    words = f"{name} {score}"
-    to_the_left = x + 12 + width_of(words) > plot.right
-    anchor = (
-        {"x": x - 10, "class_": "strong end halo"}
-        if to_the_left
-        else {"x": x + 10, "class_": "strong halo"}
-    )
-    return [
-        svg.element("circle", cx=x, cy=y, r=4.5, class_="dot"),
-        svg.text(words, anchor["x"], y - 8, class_=anchor["class_"]),
-    ]
-
-
 def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]:
     """Return vertical lines with their names. A name that would touch an earlier one is lower."""
     lines: list[str] = []
@@ -257,7 +223,7 @@ def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]
         start = x + 5 if x + 5 + width < plot.right else x - 5 - width
         row = next((i for i, end in enumerate(ends) if start > end + 6), len(ends))
         ends[row:] = [start + width, *ends[row + 1 :]]
-        lines.append(svg.element("line", x1=x, x2=x, y1=plot.top, y2=plot.bottom, class_="mark"))
+        lines.append(svg.line(x, plot.top, x, plot.bottom, "mark"))
         names.append(svg.text(words, start, plot.top + 12 + 16 * row, class_="small halo"))
     return lines + names
 
