@@ -103,10 +103,8 @@ def check_number(
         ErgoqpError: `error`, if the value is not a number from `low` to `high`.
     """
     if not (_is_real(value) and low <= value <= high):
-        end, kind = (
-            f" {unit}" if unit not in ("", "share") else "",
-            "" if _is_real(value) else "a number from ",
-        )
+        end = f" {unit}" if unit not in ("", "share") else ""
+        kind = "" if _is_real(value) else "a number from "
         unlike = "" if kind else perhaps([value], low, high, unit)
         raise error(
             f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to"

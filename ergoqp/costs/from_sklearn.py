@@ -142,10 +142,8 @@ class Layers:
         scale: Array,
     ) -> None:
         """Keep the layers."""
-        self.weights, self.biases = (
-            [np.asarray(w, float) for w in weights],
-            [np.asarray(b, float) for b in biases],
-        )
+        self.weights = [np.asarray(w, float) for w in weights]
+        self.biases = [np.asarray(b, float) for b in biases]
         self.activation, self.mean, self.scale = activation, mean, scale
 
     def values(self, points: Array) -> Array:
@@ -164,10 +162,8 @@ class Layers:
 
     def scaled(self, factor: float, offset: float) -> Layers:
         """Return the network whose output is `factor` times this one's, plus `offset`."""
-        weights, biases = (
-            [*self.weights[:-1], factor * self.weights[-1]],
-            [*self.biases[:-1], factor * self.biases[-1] + offset],
-        )
+        weights = [*self.weights[:-1], factor * self.weights[-1]]
+        biases = [*self.biases[:-1], factor * self.biases[-1] + offset]
         return Layers(weights, biases, self.activation, self.mean, self.scale)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -278,10 +274,8 @@ def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
             "estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one"
         )
     factor, kernel, lengths = _covariance(process.kernel_)
-    spread, offset = (
-        float(np.ravel(process._y_train_std)[0]),
-        float(np.ravel(process._y_train_mean)[0]),
-    )
+    spread = float(np.ravel(process._y_train_std)[0])
+    offset = float(np.ravel(process._y_train_mean)[0])
     weights = factor * spread * _single(process.alpha_)
     return KernelSum(
         kernel, dense(process.X_train_) / lengths, weights, offset, mean, scale * lengths

@@ -134,12 +134,10 @@ class OneClassLadder(LearnedCost):
         self.steepness, self.pull = float(steepness), float(pull)
         if not 0 <= curve < np.inf:
             raise ModelError(f"ladder: got curve {curve!r}, allowed a number of at least 0")
-        self.reach, self.offset, self.height, self.curve = (
-            float(reach),
-            float(offset),
-            float(height),
-            float(curve),
-        )
+        self.reach = float(reach)
+        self.offset = float(offset)
+        self.height = float(height)
+        self.curve = float(curve)
 
     @classmethod
     def fit(

@@ -253,9 +253,9 @@ class SmoothReba:
         q = ca.SX.sym("q", len(JOINTS))
         self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, self.task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
-        self._q, self._value = (
-            q,
-            sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)),
+        self._q = q
+        self._value = sum(
+            (w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)
         )
         self.minimum = reading.lowest()
         self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
@@ -377,10 +377,8 @@ class _Reading:
 def _mixture(
     taus_deg: Sequence[float], weights: Sequence[float]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    taus, shares = (
-        np.atleast_1d(np.asarray(taus_deg, float)),
-        np.atleast_1d(np.asarray(weights, float)),
-    )
+    taus = np.atleast_1d(np.asarray(taus_deg, float))
+    shares = np.atleast_1d(np.asarray(weights, float))
     if (
         taus.ndim != 1
         or not taus.size

@@ -395,10 +395,8 @@ class Svr(LearnedCost):
         reduction = settings["reduction"]
         if reduction is not None:
             reduction = Reduction(**reduction)
-        features, model = (
-            features_from(settings["features"], arrays),
-            KernelSum.from_parts(settings, arrays),
-        )
+        features = features_from(settings["features"], arrays)
+        model = KernelSum.from_parts(settings, arrays)
         return cls(features, model, coordinates, minimum, reduction)
 
 

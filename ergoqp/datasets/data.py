@@ -52,10 +52,8 @@ class DataSet:
         Raises:
             ModelError: if not; the message names the row or the shape.
         """
-        points, labels = (
-            table_of_numbers("points", self.points, ModelError),
-            table_of_numbers("labels", self.labels, ModelError),
-        )
+        points = table_of_numbers("points", self.points, ModelError)
+        labels = table_of_numbers("labels", self.labels, ModelError)
         names = names_of("coordinates", self.coordinates, "a list of names", ModelError)
         object.__setattr__(self, "coordinates", names)
         width = len(Coordinates(names))

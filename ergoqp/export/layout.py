@@ -81,11 +81,9 @@ def input_fields(problem: Problem) -> list[Field]:
 
 def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
     """Return the members of the output of a step."""
-    n, rows, unit = (
-        len(problem.coordinates),
-        len(problem.row_names),
-        _unit(problem).replace("]", "/s]"),
-    )
+    n = len(problem.coordinates)
+    rows = len(problem.row_names)
+    unit = _unit(problem).replace("]", "/s]")
     fields = [
         Field(
             "twist",

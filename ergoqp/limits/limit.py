@@ -309,8 +309,6 @@ def straight_margins(
         return ca.fmin(rows.to_lower + ca.fmin(moved, 0), rows.to_upper - ca.fmax(moved, 0))
     moved, led = rows.matrix @ mixed.straight(displacement), rows.matrix @ mixed.overshoot
     most = ca.fabs(rows.matrix) @ mixed.overshoot_bound
-    down, up = (
-        ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most),
-        ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most),
-    )
+    down = ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most)
+    up = ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most)
     return ca.fmin(rows.to_lower + down, rows.to_upper - up)

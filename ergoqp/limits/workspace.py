@@ -160,11 +160,9 @@ class AxisCone:
         the swing is exact to second order. The reserve covers turns that differ from the swing.
         Without it, the certification would brake a turn along the edge of the cone.
         """
-        axis, turn, change = (
-            context.pose[:3, 0],
-            context.stop_displacement[3:],
-            ca.norm_2(context.change[3:]),
-        )
+        axis = context.pose[:3, 0]
+        turn = context.stop_displacement[3:]
+        change = ca.norm_2(context.change[3:])
         _, sine, cosine = self._slope(axis)
         matrix, _, _ = self._slope(turned(turn / 2, axis))
         middle = ca.DM(self.direction)

@@ -395,10 +395,8 @@ class Problem:
         if box is None:
             return
         for axis, rise in enumerate(self._rises.tolist()):
-            width, least = (
-                box.upper[axis] - box.lower[axis],
-                max(_NARROWEST, rise) + 2 * self.robot.pose_noise,
-            )
+            width = box.upper[axis] - box.lower[axis]
+            least = max(_NARROWEST, rise) + 2 * self.robot.pose_noise
             if self.twist_limit.speed[axis] > 0 and width < least:
                 name = "xyz"[axis]
                 raise ProblemError(

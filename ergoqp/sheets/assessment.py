@@ -203,10 +203,8 @@ def explain_segment(
     angle = float(posture[segment.joint(segment.base, joint_side)])
     base = segment.base.scores[segment.base.band(angle)]
     if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
-        parts, total = (
-            [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"],
-            segment.start,
-        )
+        parts = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"]
+        total = segment.start
     else:
         total = segment.start + base
         name = (

@@ -58,11 +58,9 @@ class Margins:
         for limit in model.problem.row_limits:
             if _linear(limit):
                 rows = limit.rows(context)
-                matrix, rate, margins = (
-                    rows.matrix,
-                    rows.rate,
-                    ca.fmin(rows.to_lower, rows.to_upper),
-                )
+                matrix = rows.matrix
+                rate = rows.rate
+                margins = ca.fmin(rows.to_lower, rows.to_upper)
                 margins = with_nan(model, limit, rows, margins)
             else:
                 found = call_by_name(_curved_here(model, limit), signals)

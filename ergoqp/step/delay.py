@@ -232,10 +232,8 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> Pendin
     slowest, fastest = _extremes(part["sent"])
     if lag:
         swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
-        fastest, slowest = (
-            ca.fmax(fastest, part["swift"][:, 0]),
-            ca.fmin(slowest, -part["swift"][:, 1]),
-        )
+        fastest = ca.fmax(fastest, part["swift"][:, 0])
+        slowest = ca.fmin(slowest, -part["swift"][:, 1])
     stretch = 1 + robot.gain_error
     return PendingMotion(
         total=total,
@@ -418,10 +416,8 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         held, turned = hold * _most(toward), hold * _most(angles)
         if "clung" in found:
             clung = (1 + robot.gain_error) * found["clung"]
-            held, turned = (
-                ca.fmax(held, _along(rows, clung)),
-                ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1])),
-            )
+            held = ca.fmax(held, _along(rows, clung))
+            turned = ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1]))
         parts += [below + held[many:], above + held[:many], turn + turned]
     return [landed, ca.densify(ca.vertcat(*parts))]
 

@@ -214,11 +214,9 @@ def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
     """Return the name of the fault that fits best to the motion since the fault began."""
-    sent, lasted, forget = (
-        now["sent"],
-        now["lasted"] * now["started"],
-        ca.fmax(0, 1 - now["lasted"] / _MEMORY),
-    )
+    sent = now["sent"]
+    lasted = now["lasted"] * now["started"]
+    forget = ca.fmax(0, 1 - now["lasted"] / _MEMORY)
     done, told = sent * lasted, now["executed"] * lasted
     seen = ca.if_else(
         is_set(now["measured"]), now["went"], ca.if_else(is_set(now["told"]), told, done)
@@ -231,10 +229,8 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))
     fit = goes_on * now["fit"] + products
     leap = leap_beyond(now, now["went"])
-    shift, turn = (
-        ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])),
-        ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:])),
-    )
+    shift = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3]))
+    turn = ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
     # A sudden fault keeps its name, because a second jump is usually the return of the first. Any
@@ -430,10 +426,8 @@ def _compared(model: StepModel) -> ca.Function:
             * turn
             * ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
         )
-        least, most = (
-            least - ca.vertcat(0, 0, 0, area, area, area),
-            most + ca.vertcat(0, 0, 0, area, area, area),
-        )
+        least = least - ca.vertcat(0, 0, 0, area, area, area)
+        most = most + ca.vertcat(0, 0, 0, area, area, area)
     # At the start of the comparison the pose has its full error; the turn since then is known up to
     # noise.
     at_begin, sent = noise, ca.SX.eye(3)

@@ -92,10 +92,8 @@ def _relaxed(
     full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
     full_g = ca.vertcat(g, PENALTY * loose)
     full_A = ca.horzcat(A, -ca.diag(side * loose))
-    full_lb, full_ub = (
-        ca.vertcat(lb, ca.MX(ca.DM.zeros(m))),
-        ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0)),
-    )
+    full_lb = ca.vertcat(lb, ca.MX(ca.DM.zeros(m)))
+    full_ub = ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0))
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lbA, ubA, full_lb, full_ub]
     x, rows, box = solver.function(n, m)(*data)

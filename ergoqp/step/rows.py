@@ -289,10 +289,8 @@ def update_recovery_timer(
         dt: period [s].
     """
     soft = limit_values(limits, "recovers") * (1 - limit_values(limits, "hard"))
-    time, tolerance = (
-        ca.DM(limit_values(limits, "recovery_time")),
-        ca.DM(limit_values(limits, "tolerance")),
-    )
+    time = ca.DM(limit_values(limits, "recovery_time"))
+    tolerance = ca.DM(limit_values(limits, "tolerance"))
     away = ca.if_else(margins < -tolerance, -margins, 0) * ca.DM(soft)
     steady = STEADY_RETURN * time
     fading = time * (ca.log(ca.fmax(away / steady, 1)) + 1)

@@ -335,16 +335,12 @@ class Formulation:
         self.configuration = mink.Configuration(scene.model)
         self.rows = ProblemRows(scene)
         self._tie, self._held = Tie(scene), Held(scene)
-        self._ergonomic, self._object, self._null = (
-            ErgonomicTask(scene),
-            ObjectTask(scene),
-            NullSpaceTask(scene),
-        )
-        self._arm, self._twist, self._distance = (
-            ArmBounds(scene),
-            TwistBounds(scene),
-            Distance(scene),
-        )
+        self._ergonomic = ErgonomicTask(scene)
+        self._object = ObjectTask(scene)
+        self._null = NullSpaceTask(scene)
+        self._arm = ArmBounds(scene)
+        self._twist = TwistBounds(scene)
+        self._distance = Distance(scene)
 
     def build(self, moment: Moment, follow: bool) -> qpsolvers.Problem:
         """Return the QP as mink builds it.

@@ -159,10 +159,8 @@ def grasp(
         if tool_frame is None
         else [tool_frame]
     )
-    pose, pelvis = (
-        np.array(person.contact()(posture)[0]),
-        np.array(pelvis_function(person)(posture)[0]).ravel(),
-    )
+    pose = np.array(person.contact()(posture)[0])
+    pelvis = np.array(pelvis_function(person)(posture)[0]).ravel()
     middle, width = (robot.lower + robot.upper) / 2, robot.upper - robot.lower
     best, found, nearest = np.inf, None, -np.inf
     for frame in frames:

@@ -69,11 +69,9 @@ class Ruler:
         """Build the true scene."""
         known = whole.scene
         self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
-        self._separation, self._data, self._person = (
-            Separation(self.scene),
-            mujoco.MjData(self.scene.model),
-            person,
-        )
+        self._separation = Separation(self.scene)
+        self._data = mujoco.MjData(self.scene.model)
+        self._person = person
 
     def __call__(self, posture: np.ndarray, arm: np.ndarray) -> float:
         """Return the smallest distance [m] at a posture (32,) and joints of the arm (k,)."""
@@ -131,10 +129,8 @@ def run_whole_body(
     dt, arm = whole.dt, whole.start.copy()
     ruler = Ruler(whole, person)
     pose = ruler.contact(arm)
-    grips, soles = (
-        [person.contact(posture)[0] @ grip for grip in person.grasp(posture)],
-        person.stand(posture),
-    )
+    grips = [person.contact(posture)[0] @ grip for grip in person.grasp(posture)]
+    soles = person.stand(posture)
     grasp = [np.linalg.solve(pose, grip) for grip in grips]
     late = deque([pose] * (1 + round(senses.delay / dt)))
     follow = 1.0 - float(np.exp(-dt / senses.hand_time))

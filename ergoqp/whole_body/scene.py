@@ -102,13 +102,11 @@ class Scene:
         self, body: Body, robot: Robot, base: np.ndarray, load: Load, hands: tuple[str, ...]
     ) -> None:
         """Combine the descriptions and compile them once."""
-        self.body, self.robot, self.base, self.load, self.hands = (
-            body,
-            robot,
-            np.asarray(base, dtype=float),
-            load,
-            hands,
-        )
+        self.body = body
+        self.robot = robot
+        self.base = np.asarray(base, dtype=float)
+        self.load = load
+        self.hands = hands
         self.model = _compiled(body, robot, self.base, load)
         self.person = self._columns([f"person/{name}" for name in (*BASE_JOINTS, *JOINTS)])
         self.arm = self._columns([f"robot/{name}" for name in robot.joints])

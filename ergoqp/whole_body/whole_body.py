@@ -322,10 +322,8 @@ class WholeBody:
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
-        positions, measured = (
-            numbers(arm, k),
-            self._sent if arm_speed is None else numbers(arm_speed, k),
-        )
+        positions = numbers(arm, k)
+        measured = self._sent if arm_speed is None else numbers(arm_speed, k)
         if positions is None or measured is None:
             what = "arm" if positions is None else "arm_speed"
             return self._blind(begin, posture, f"{what} is not {k} finite numbers")
