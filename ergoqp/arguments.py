@@ -183,7 +183,13 @@ def unmasked(value: Any) -> np.ndarray:
     return np.asarray(value)
 
 
-def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+def read_array(
+    what: str,
+    value: Any,
+    shape: tuple[int, ...],
+    allowed: str,
+    error: type[ErgoqpError] = InputError,
+) -> np.ndarray:
     """Return finite numbers as an array of a shape.
 
     Args:
@@ -191,9 +197,10 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
         value: the value, of any type.
         shape: required shape.
         allowed: what is allowed, in words.
+        error: type of the error to raise.
 
     Raises:
-        InputError: if the value is not an array of finite numbers of that shape.
+        ErgoqpError: `error`, if the value is not an array of finite numbers of that shape.
     """
     if type(value) is np.ndarray:  # nothing of a user's runs, so no error is caught
         array = value
@@ -209,7 +216,7 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
             return numbers
         if array.size > _FEW:
             found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
-    raise InputError(f"{what}: got {found or shown(value)}, allowed {allowed}")
+    raise error(f"{what}: got {found or shown(value)}, allowed {allowed}")
 
 
 @dataclass(frozen=True)
@@ -416,18 +423,20 @@ def sentences(what: str, values: Any) -> tuple[str, ...]:
     return texts
 
 
-def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
+def as_tuple(
+    what: str, values: Iterable[Any], error: type[ErgoqpError] = InputError
+) -> tuple[Any, ...]:
     """Return the entries of an iterable as a tuple. Strings and mappings are not accepted.
 
     Raises:
-        InputError: if it is not an iterable, or a string or a mapping.
+        ErgoqpError: `error`, if it is not an iterable, or a string or a mapping.
     """
     try:
         if not isinstance(values, (str, bytes, Mapping)):
             return tuple(values)
     except TypeError:
         pass
-    raise InputError(f"{what}: got {shown(values)}, allowed a list")
+    raise error(f"{what}: got {shown(values)}, allowed a list")
 
 
 def _is_real(value: Any) -> bool:

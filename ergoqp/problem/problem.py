@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ergoqp.arguments import as_tuple
 from ergoqp.coordinates import Coordinates
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.errors import ProblemError
 from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Limit, TwistLimit, WorkspaceBox
@@ -229,10 +229,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Check that the terms are valid and fit together."""
-        try:
-            object.__setattr__(self, "limits", as_tuple("limits", self.limits))
-        except InputError as error:
-            raise ProblemError(str(error)) from None
+        object.__setattr__(self, "limits", as_tuple("limits", self.limits, ProblemError))
         check_kinds(self)
         check_by_joint(self.method, "problem")
         self._check_state()
