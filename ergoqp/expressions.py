@@ -59,7 +59,7 @@ def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]
 
 
 def call_by_name(
-    function: ca.Function, known: Mapping[str, Any], written: bool = False
+    function: ca.Function, known: Mapping[str, Any], written: bool = False, **more: Any
 ) -> dict[str, ca.MX]:
     """Return the outputs of a function by name, for inputs by name.
 
@@ -67,8 +67,9 @@ def call_by_name(
         function: function with named inputs and outputs.
         known: values by name, among them its inputs.
         written: inline a function of matrices, see `written_out`.
+        more: values of further inputs, which come before those of `known`.
     """
-    given = [known[name] for name in function.name_in()]
+    given = [more[name] if name in more else known[name] for name in function.name_in()]
     found: Any = written_out(function, *given) if written else function.call(given)
     return dict(zip(function.name_out(), found, strict=True))
 

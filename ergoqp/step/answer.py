@@ -11,7 +11,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import call_by_name, dense, is_set, largest
+from ergoqp.expressions import call_by_name, is_set, largest
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.problem.problem import Problem
@@ -430,33 +430,6 @@ class Step:
         )
 
 
-_ACCOUNTED: Final = (
-    "posture",
-    "observed",
-    "readings",
-    "pose",
-    "dt",
-    "S",
-    "residual",
-    "usable",
-    "E",
-    "slack",
-    "multipliers",
-    "causes",
-    "wanted",
-    "brake",
-    "now",
-    "solved",
-    "outside",
-    "next_rest",
-    "share",
-    "unusable",
-    "begun",
-    "own",
-    "sent",
-)
-
-
 def account_function(model: StepModel) -> ca.Function:
     """Return the twist that is sent, and its account.
 
@@ -465,7 +438,7 @@ def account_function(model: StepModel) -> ca.Function:
         all_multipliers, residuals)``; slack and multipliers are those of all rows (r,).
     """
     problem, movable = model.problem, model.movable
-    signals, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
+    signals, count = model.symbols(kind=ca.MX), len(problem.row_names)
     limits, now = problem.row_limits, signals["now"]
     margins = Margins(model, signals)
     tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
@@ -473,12 +446,10 @@ def account_function(model: StepModel) -> ca.Function:
     # the certification is exact there.
     held = now[movable, 0] >= -tolerance[movable, 0]
     used = largest(soft[movable, 0] * signals["slack"] * held) > 10 * TOLERANCE
-    given = signals | {"used": used, "any_outside": largest(signals["outside"])}
-    found = call_by_name(_close_function(model), given)
+    any_outside = largest(signals["outside"])
+    found = call_by_name(_close_function(model), signals, used=used, any_outside=any_outside)
     twist = found["twist"]
-    rate = _model_rate(
-        limits, model.context(signals, signals["S"]), signals["S"] @ twist, signals["dt"]
-    )
+    rate = _model_rate(limits, margins.context, signals["S"] @ twist, signals["dt"])
     slack, multipliers = (
         _spread(signals[name], movable, count) for name in ("slack", "multipliers")
     )
@@ -486,34 +457,12 @@ def account_function(model: StepModel) -> ca.Function:
     # has given way as well, and is named.
     slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
     found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
-    outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("account", list(signals.values()), outputs, list(signals), list(found))
-
-
-_CLOSED: Final = (
-    "posture",
-    "dt",
-    "residual",
-    "usable",
-    "E",
-    "causes",
-    "wanted",
-    "brake",
-    "solved",
-    "next_rest",
-    "share",
-    "unusable",
-    "begun",
-    "own",
-    "sent",
-    "used",
-    "any_outside",
-)
+    return signals.function("account", found)
 
 
 def _close_function(model: StepModel) -> ca.Function:
     """Return the function for the planned twist, the sent twist, and the status of the step."""
-    problem, sx = model.problem, model.symbols(_CLOSED)
+    problem, sx = model.problem, model.symbols()
     share = largest(sx["share"])
     fits = ca.logic_and(sx["solved"], ca.logic_not(sx["unusable"]))
     accepted = ca.logic_and(ca.logic_and(sx["usable"], fits), share > 0)
@@ -550,8 +499,7 @@ def _close_function(model: StepModel) -> ca.Function:
         "all_causes": causes,
         "residuals": residuals,
     }
-    outputs = ca.cse(dense(list(found.values())))
-    return ca.Function("close", list(sx.values()), outputs, list(sx), list(found))
+    return sx.function("close", found)
 
 
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:

@@ -18,8 +18,7 @@ these shares, and by the part of u that the mean has not sent yet.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
@@ -32,6 +31,9 @@ from ergoqp.step.model import StepModel
 
 _AT_ALL: Final = 1e-9
 """Durations below this count as zero [s]."""
+
+_BY_AGES: Final = ("period", "dt_ok", "aged", "idled", "own", "fits", "parked")
+"""Parts of the motion under way that follow from the ages of the periods alone."""
 
 
 def weights_function(model: StepModel) -> ca.Function:
@@ -116,81 +118,46 @@ def _holds_all(model: StepModel, ages: ca.SX, dt: ca.SX) -> ca.SX:
     return found
 
 
-@dataclass(frozen=True)
-class PendingMotion:
-    """The motion of the object from its measured pose to the landing pose.
+def under_way(
+    model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors
+) -> dict[str, ca.MX]:
+    """Return the motion of the object from its measured pose to the landing pose.
 
-    The object comes to rest there if the planned twist is zero from now on.
+    The object comes to rest there if the planned twist is zero from now on. The parts are:
 
-    Attributes:
-        total: displacement (6,) [m, rad].
-        twists: the pieces of the motion under way (6, k).
-        seconds: for how long each piece still acts (k,) [s].
-        weights: weights of the planned twists in the mean, which are the first pieces (n,). None:
-            every twist is sent as planned.
-        tail: part of what is older than the pieces, positive and negative (6, 2) [m, rad]. None:
-            zero.
-        clung: what a lagging robot may still have to do of one hold of older twists, along each
-            axis and against it (6, 2) [m, rad]. None: zero.
-        turn: largest angle of the part that the robot may have done already [rad]. None: zero.
-        owed: displacement of the part that was sent (6,) [m, rad].
-        up: largest displacement that the robot may still do along each axis (6,) [m, rad].
-        down: the same against each axis (6,) [m, rad].
-        previous: twist that was planned last (6,).
-        sent: twist that was sent last (6,).
-        lasted: how long it was sent [s].
-        changed: decrease of `owed` since a period ago (6,) [m, rad].
-        slowest: smallest twist (6,) in the last period of a robot that does no more than it was
-            sent.
-        fastest: its largest twist (6,).
-        swift: its largest possible speed now, along each axis and against it (6, 2). None: that of
-            the sent twists.
-        dt: period [s].
-        dt_ok: whether the given period was usable.
-        aged: ages of the ends of the earlier periods at the end of this one, as many as are kept
-            (k,) [s].
-        idled: how long everything will have stood still then, if it does [s].
-        begun: part of the sent twist that does not depend on the new plan (6,).
-        own: share of the new planned twist in the sent twist.
-        fits: whether the history is still long enough after the period. It is not if periods are
-            too short.
-        parked: whether only zeros were planned and sent for at least W and the dead time.
-    """
-
-    total: ca.MX
-    twists: ca.MX
-    seconds: ca.MX
-    weights: ca.MX | None
-    tail: ca.MX | None
-    clung: ca.MX | None
-    turn: ca.MX | None
-    owed: ca.MX
-    up: ca.MX
-    down: ca.MX
-    previous: ca.MX
-    sent: ca.MX
-    lasted: ca.MX
-    changed: ca.MX
-    slowest: ca.MX
-    fastest: ca.MX
-    swift: ca.MX | None
-    dt: ca.MX
-    dt_ok: ca.MX
-    aged: ca.MX
-    idled: ca.MX
-    begun: ca.MX
-    own: ca.MX
-    fits: ca.MX
-    parked: ca.MX
-
-    @property
-    def parts(self) -> dict[str, ca.MX]:
-        """All parts that are not None, by name."""
-        return {name: part for name, part in vars(self).items() if part is not None}
-
-
-def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> PendingMotion:
-    """Return the motion under way at the start of a period.
+    - ``total``: displacement (6,) [m, rad].
+    - ``twists``: the pieces of the motion under way (6, k).
+    - ``seconds``: for how long each piece still acts (k,) [s].
+    - ``weights``: weights of the planned twists in the mean, which are the first pieces (n,). Left
+      out if every twist is sent as planned.
+    - ``tail``: part of what is older than the pieces, positive and negative (6, 2) [m, rad]. Left
+      out where it is zero.
+    - ``clung``: what a lagging robot may still have to do of one hold of older twists, along each
+      axis and against it (6, 2) [m, rad]. Left out where it is zero.
+    - ``turn``: largest angle of the part that the robot may have done already [rad]. Left out where
+      it is zero.
+    - ``owed``: displacement of the part that was sent (6,) [m, rad].
+    - ``up``: largest displacement that the robot may still do along each axis (6,) [m, rad].
+    - ``down``: the same against each axis (6,) [m, rad].
+    - ``previous``: twist that was planned last (6,).
+    - ``sent``: twist that was sent last (6,).
+    - ``lasted``: how long it was sent [s].
+    - ``changed``: decrease of ``owed`` since a period ago (6,) [m, rad].
+    - ``slowest``: smallest twist (6,) in the last period of a robot that does no more than it was
+      sent.
+    - ``fastest``: its largest twist (6,).
+    - ``swift``: its largest possible speed now, along each axis and against it (6, 2). Left out if
+      that is the speed of the sent twists.
+    - ``period``: the period [s].
+    - ``dt_ok``: whether the given period was usable.
+    - ``aged``: ages of the ends of the earlier periods at the end of this one, as many as are kept
+      (k,) [s].
+    - ``idled``: how long everything will have stood still then, if it does [s].
+    - ``begun``: part of the sent twist that does not depend on the new plan (6,).
+    - ``own``: share of the new planned twist in the sent twist.
+    - ``fits``: whether the history is still long enough after the period. It is not if periods are
+      too short.
+    - ``parked``: whether only zeros were planned and sent for at least W and the dead time.
 
     Args:
         model: model of the step.
@@ -200,14 +167,13 @@ def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vector
     """
     sizes = model.history.sizes
     symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
-    parts = _under_way(model, split(sizes, symbols[0]), symbols[1]).parts
+    parts = _under_way(model, split(sizes, symbols[0]), symbols[1])
     outputs = [ca.densify(part) for part in parts.values()]
     found = written_out(shape(ca.Function("under_way", symbols, outputs)), history, dt)
-    every: dict[str, Any] = dict.fromkeys(PendingMotion.__dataclass_fields__)
-    return PendingMotion(**{**every, **dict(zip(parts, found, strict=True))})
+    return dict(zip(parts, found, strict=True))
 
 
-def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> PendingMotion:
+def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> dict[str, ca.MX]:
     W, robot, lag = model.problem.average, model.problem.robot, model.problem.robot.lag
     by_ages = call_by_name(weights_function(model), {**part, "dt": dt})
     of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
@@ -217,51 +183,42 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> Pendin
         sums = part["planned"] @ of_plan
         begun, total = sums[:, 0], sums[:, 1]
         pieces, seconds = [part["planned"]], [of_plan[:, 1]]
-    tail = turn = swift = None
+    optional = {"clung": part["clung"]} if "clung" in part else {}
+    if W:
+        optional["weights"] = by_ages["present"]
     if robot.owes:
         owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
-        turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
+        optional["turn"] = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
         if lag:
-            tail = part["tail"]
+            tail = optional["tail"] = part["tail"]
             up, down = up + tail[:, 0], down + tail[:, 1]
             owed += tail[:, 0] - tail[:, 1]
-            turn += ca.norm_2(tail[3:, 0] + tail[3:, 1])
+            optional["turn"] += ca.norm_2(tail[3:, 0] + tail[3:, 1])
         total = total + owed
         pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
     slowest, fastest = _extremes(part["sent"])
     if lag:
-        swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
+        optional["swift"] = ca.horzcat(fastest, -slowest) + part["tail"] / lag
         fastest = ca.fmax(fastest, part["swift"][:, 0])
         slowest = ca.fmin(slowest, -part["swift"][:, 1])
     stretch = 1 + robot.gain_error
-    return PendingMotion(
-        total=total,
-        twists=ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
-        seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
-        weights=by_ages["present"] if W else None,
-        tail=tail,
-        clung=part.get("clung"),
-        turn=turn,
-        owed=owed,
-        up=up,
-        down=down,
-        previous=part["planned"][:, 0],
-        sent=part["sent"][:, 0],
-        lasted=part["ages"][0],
-        changed=part["owed"] - owed if "owed" in part else owed,
-        slowest=stretch * slowest,
-        fastest=stretch * fastest,
-        swift=swift,
-        dt=by_ages["period"],
-        dt_ok=by_ages["dt_ok"],
-        aged=by_ages["aged"],
-        idled=by_ages["idled"],
-        begun=begun,
-        own=by_ages["own"],
-        fits=by_ages["fits"],
-        parked=by_ages["parked"],
-    )
+    return optional | {
+        "total": total,
+        "twists": ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
+        "seconds": ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
+        "owed": owed,
+        "up": up,
+        "down": down,
+        "previous": part["planned"][:, 0],
+        "sent": part["sent"][:, 0],
+        "lasted": part["ages"][0],
+        "changed": part["owed"] - owed if "owed" in part else owed,
+        "slowest": stretch * slowest,
+        "fastest": stretch * fastest,
+        "begun": begun,
+        **{name: by_ages[name] for name in _BY_AGES},
+    }
 
 
 def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -277,7 +234,7 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
 def next_history(
     model: StepModel,
     history: ca.MX,
-    found: PendingMotion,
+    found: Mapping[str, ca.MX],
     planned: ca.MX,
     sent: ca.MX,
     still: ca.MX,
@@ -295,9 +252,10 @@ def next_history(
     kept, robot = model.history, model.problem.robot
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
+    after += [found["period"], *([found["aged"]] if kept.ages > 1 else [])]
+    after += [still * found["idled"]]
     if lag := robot.lag:
-        dt = found.dt
+        dt = found["period"]
         # The oldest twist leaves the history; what is still to come of it goes on decaying.
         part = split(kept.sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
@@ -306,17 +264,19 @@ def next_history(
         )
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
-        assert found.swift is not None
-        after.append(ca.vec(found.swift))
+        after.append(ca.vec(found["swift"]))
         if hold := robot.longest_hold:
             # What a hold of the oldest leaves decays as slowly, and there is only one hold.
             left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
             after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
-    return [*after, found.owed] if robot.owes else after
+    return [*after, found["owed"]] if robot.owes else after
 
 
 def landing(
-    model: StepModel, found: PendingMotion, signals: Mapping[str, ca.MX], shape: Shape = vectors
+    model: StepModel,
+    found: Mapping[str, ca.MX],
+    signals: Mapping[str, ca.MX],
+    shape: Shape = vectors,
 ) -> dict[str, ca.MX]:
     """Return ``landed`` (4, 4), the landing pose, and ``way``: see `WayLayout`.
 
@@ -334,8 +294,8 @@ def landing(
         shape: how functions are written, see `ergoqp.expressions`.
     """
     if not model.under_way.count:
-        return {"landed": signals["pose"], "way": found.total}
-    given = {name: part for name, part in found.parts.items() if name in _PARTS}
+        return {"landed": signals["pose"], "way": found["total"]}
+    given = {name: part for name, part in found.items() if name in _PARTS}
     if "doubt" in signals:
         given["doubt"] = signals["doubt"]
     given |= {name: signals[name] for name in ("astray", "readings")}

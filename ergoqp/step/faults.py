@@ -24,7 +24,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Shape, call_by_name, dense, is_set, largest, turned
+from ergoqp.expressions import Shape, call_by_name, is_set, largest, turned
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.causes import Cause, Fault, fault_of
@@ -82,42 +82,19 @@ def explained_function(model: StepModel) -> ca.Function:
 
     The name is computed again at every step.
     """
-    names = (
-        "told",
-        "faulty",
-        "started",
-        "measured",
-        "went",
-        "excess",
-        "executed",
-        "sent",
-        "lasted",
-        "slowest",
-        "fastest",
-        "up",
-        "down",
-        "parked",
-        "enable",
-        "now_rests",
-        "now_seen",
-        "stored",
-        "pose",
-        "story",
-        "said",
-    )
     problem, robot = model.problem, model.problem.robot
     holds = robot.longest_hold > 0 and robot.owes
-    given = model.symbols((*names, *(("compared",) if holds else ())))
+    now = model.symbols()
     # One sample over a period that is too long shows nothing: the noise of that time exceeds a
     # fault.
-    told = ca.logic_and(is_set(given["told"]), given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
-    faulty = is_set(given["faulty"])
-    now = given | split(STORY, given["story"]) | split(SAID, given["said"])
+    told = ca.logic_and(is_set(now["told"]), now["lasted"] <= 3 * problem.dt * (1 + 1e-9))
+    faulty = is_set(now["faulty"])
+    now |= split(STORY, now["story"]) | split(SAID, now["said"])
     if holds:
-        now |= {"held": split(model.blocks["compared"], given["compared"])["held"]}
+        now["held"] = split(model.blocks["compared"], now["compared"])["held"]
     reported, signs = _reported(problem, now)
     # Motion while the object is not enabled is no fault.
-    signs = ca.if_else(ca.logic_and(told, is_set(given["enable"])), signs, 0)
+    signs = ca.if_else(ca.logic_and(told, is_set(now["enable"])), signs, 0)
     kept = {name: now[name] for name in REPORTED}
     if robot.owes:
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}
@@ -128,10 +105,8 @@ def explained_function(model: StepModel) -> ca.Function:
     named = _named(problem, now, signs[1])
     fault = ca.if_else(faulty, named.pop("fault"), 0)
     story = ca.vertcat(told_now, joined(NAMED, named))
-    outputs = ca.cse(dense([story, ca.vertcat(signs, fault)]))
-    return ca.Function(
-        "explained", list(given.values()), outputs, list(given), ["next_story", "next_said"]
-    )
+    said = ca.vertcat(signs, fault)
+    return now.function("explained", {"next_story": story, "next_said": said})
 
 
 def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.SX]:
@@ -380,28 +355,9 @@ def _compared(model: StepModel) -> ca.Function:
     detect a fault is in `ergoqp.step.faults`.
     """
     robot, stretch = model.problem.robot, 1 + model.problem.robot.gain_error
-    names = (
-        "pose",
-        "stored",
-        "started",
-        "measured",
-        "sent",
-        "lasted",
-        "slowest",
-        "fastest",
-        "up",
-        "down",
-        "parked",
-        "stop",
-        "enable",
-        "period",
-        "compared",
-        "said",
-        "causes",
-    )
-    given = model.symbols((*names, *(("unsure", "owed", "changed") if robot.owes else ())))
+    now = model.symbols()
     sizes = model.blocks["compared"]
-    now = given | split(sizes, given["compared"]) | split(SAID, given["said"])
+    now |= split(sizes, now["compared"]) | split(SAID, now["said"])
     parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
@@ -530,9 +486,9 @@ def _compared(model: StepModel) -> ca.Function:
     waiting = ca.logic_and(latched, ca.logic_not(faulty))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     causes += 2.0**Cause.latched * waiting
-    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests, seen, excess]))
-    named = ["next_compared", "faulty", "all_causes", "went", "now_rests", "now_seen", "excess"]
-    return ca.Function("compared_poses", list(given.values()), outputs, list(given), named)
+    found = {"next_compared": joined(sizes, block), "faulty": faulty, "all_causes": causes}
+    found |= {"went": went, "now_rests": rests, "now_seen": seen, "excess": excess}
+    return now.function("compared_poses", found)
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:

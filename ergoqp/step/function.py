@@ -18,7 +18,6 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import (
     Shape,
     call_by_name,
-    dense,
     exp_rotation,
     is_rigid,
     is_set,
@@ -32,7 +31,7 @@ from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import amiss, judge_function, shortened
-from ergoqp.step.delay import PendingMotion, landing, next_history, under_way
+from ergoqp.step.delay import landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide, pull_function
@@ -187,7 +186,7 @@ OUTPUTS: Final = (
 
 
 def read_inputs(
-    model: StepModel, given: Mapping[str, ca.MX], found: PendingMotion, shape: Shape
+    model: StepModel, given: Mapping[str, ca.MX], found: Mapping[str, ca.MX], shape: Shape
 ) -> dict[str, ca.MX]:
     """Check every input, and replace unusable ones by what was known before.
 
@@ -213,7 +212,7 @@ def read_inputs(
     posture = ca.if_else(usable, last, model.stand_in)
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
-    signals = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
+    signals = {**given, **found, "dt": found["period"], "posture_ok": posture_ok}
     read = call_by_name(shape(_read_function(model)), signals, written=True)
     pose = _pose(model, given, read["measured"], read["moved"], posture)
     signals |= read | {"posture": posture, "pose": pose}
@@ -229,20 +228,6 @@ def read_inputs(
     return signals
 
 
-_READ: Final = ("pose", "has_pose", "executed", "has_twist", "age", "frame", "enable", "ask")
-_KEPT: Final = (
-    "sent",
-    "changed",
-    "started",
-    "lasted",
-    "period",
-    "dt_ok",
-    "posture_ok",
-    "fits",
-    "on_hold",
-)
-
-
 def _read_function(model: StepModel) -> ca.Function:
     """Check all inputs except the posture.
 
@@ -251,7 +236,7 @@ def _read_function(model: StepModel) -> ca.Function:
         and the other results of `read_inputs`.
     """
     problem = model.problem
-    raw = model.symbols((*_READ, *_KEPT, *(("frames",) if model.compares else ())))
+    raw = model.symbols()
     has_pose, has_twist, started, frame = (
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
@@ -293,8 +278,7 @@ def _read_function(model: StepModel) -> ca.Function:
         sees = ca.logic_and(ca.logic_and(frame, raw["posture_ok"]), fresh)
         waited = split(FRAMES, raw["frames"])["wait"] <= 1e-9
         outputs["compares"] = ca.logic_and(ca.logic_and(measured, sees), waited)
-    parts = ca.cse(dense(list(outputs.values())))
-    return ca.Function("read", list(raw.values()), parts, list(raw), list(outputs))
+    return raw.function("read", outputs)
 
 
 def _pose(
@@ -453,7 +437,7 @@ def build_step(
     signals["share"] = shortened(model, signals)
     signals |= amiss(model, signals)
     signals |= call_by_name(shape(account_function(model)), signals, written=True)
-    signals["next_state"] = joined(model.state, _next_state(model, found, signals | watched))
+    signals["next_state"] = joined(model.state, _next_state(model, signals | watched))
 
     signals |= {
         "pose_used": signals["pose"],
@@ -474,24 +458,16 @@ def _contact_pose(problem: Problem) -> ca.Function:
     return ca.Function("contact_pose", [pose], [ca.densify(contact)])
 
 
-def _next_state(
-    model: StepModel, found: PendingMotion, signals: Mapping[str, ca.MX]
-) -> dict[str, ca.MX]:
+def _next_state(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
     """Return the parts of the state that a step hands to the next one."""
-    after = {name: signals[name] for name in ("compared", "story", "said")}
-    history = next_history(
-        model, signals["history"], found, signals["planned"], signals["twist"], signals["still"]
-    )
-    after |= {
-        "history": ca.vertcat(*history),
-        "stored": signals["pose"],
-        "rest": signals["next_rest"],
-    }
-    after["started"] = signals["next_started"]
-    after |= {"last_posture": signals["posture"], "on_hold": signals["on_hold"]}
+    after = {name: signals[name] for name in ("compared", "story", "said", "on_hold")}
+    sent = (signals[name] for name in ("planned", "twist", "still"))
+    after["history"] = ca.vertcat(*next_history(model, signals["history"], signals, *sent))
+    after |= {"stored": signals["pose"], "started": signals["next_started"]}
+    after |= {"last_posture": signals["posture"], "rest": signals["next_rest"]}
     if model.problem.robot.owes:
         seen = ca.logic_or(signals["measured"], ca.logic_not(is_set(signals["started"])))
-        ends = ca.horzcat(found.up, found.down)
+        ends = ca.horzcat(signals["up"], signals["down"])
         after["unsure"] = ca.if_else(seen, ends, signals["unsure"])
     if model.asks_back:
         limits = model.problem.row_limits
@@ -499,9 +475,8 @@ def _next_state(
             limits, signals["asked"], signals["now"], signals["dt"]
         )
     if model.compares:
-        compared = {**signals, "period": found.dt}
         after["frames"] = (
-            signals["frames"] if model.spare else compared_frames(model.problem, compared)
+            signals["frames"] if model.spare else compared_frames(model.problem, signals)
         )
     if model.guided:
         after["trial"] = signals["next_trial"]

@@ -140,6 +140,40 @@ def guarded(
     return called
 
 
+class Signals(dict[str, Any]):
+    """Symbols of what the functions of the step exchange, each made when it is first used.
+
+    So a function takes what its expressions read. Entries that are set are no inputs.
+
+    Attributes:
+        inputs: the symbols, in the order in which they were made.
+    """
+
+    def __init__(
+        self, size: Callable[[str], tuple[int, int]], names: Iterable[str], kind: type[Any]
+    ) -> None:
+        """Make the symbols of some names at once."""
+        super().__init__()
+        self._size, self._kind, self.inputs = size, kind, dict[str, Any]()
+        self.pick(names)
+
+    def __missing__(self, name: str) -> Any:
+        """Make the symbol of a name."""
+        self[name] = self.inputs[name] = self._kind.sym(name, *self._size(name))
+        return self[name]
+
+    def pick(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return some of the symbols, by name."""
+        return {name: self[name] for name in names}
+
+    def function(self, name: str, outputs: Mapping[str, Any]) -> ca.Function:
+        """Return the dense function of the symbols that gives `outputs`, by name."""
+        parts = [ca.densify(self._kind(part)) for part in outputs.values()]
+        parts = ca.cse(parts) if self._kind is ca.SX else parts
+        inputs = self.inputs
+        return ca.Function(name, list(inputs.values()), parts, list(inputs), list(outputs))
+
+
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 """Landing pose, and the data at the start of the present period."""
 
@@ -251,9 +285,9 @@ class StepModel:
             return (len(self.movable), 1)
         return self.sizes.get(name, (1, 1))
 
-    def symbols(self, names: Iterable[str], kind: type[Any] = ca.SX) -> dict[str, Any]:
+    def symbols(self, names: Iterable[str] = (), kind: type[Any] = ca.SX) -> Signals:
         """Return symbols of scalars (`casadi.SX`) or matrices (`casadi.MX`), by name."""
-        return {name: kind.sym(name, *self.size(name)) for name in names}
+        return Signals(self.size, names, kind)
 
     @cached_property
     def stand_in(self) -> ca.DM:

@@ -13,7 +13,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Shape, call_by_name, dense, is_set, marked, vectors, written_out
+from ergoqp.expressions import Shape, call_by_name, is_set, marked, vectors, written_out
 from ergoqp.limits import Rows
 from ergoqp.limits.twist import Braking, on_surface
 from ergoqp.problem.problem import Problem
@@ -215,8 +215,7 @@ def pass_data(model: StepModel) -> ca.Function:
         "E": E,
         "shift": shift,
     }
-    outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), list(found))
+    return mx.function("pass_data", found)
 
 
 _BRAKING: Final = ("twist", "low", "high", "reach")
@@ -242,10 +241,11 @@ def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
     follows = [i if each.matrix is context.sensitivity else None for each, i in moving]
     own = [row for row, of_S in zip(moving, follows, strict=True) if of_S is None]
     matrix = ca.vertcat(ca.SX(0, 6), *(each.matrix[i, :] for each, i in own))
-    ends = [_stacked([getattr(each, part)[i] for each, i in moving]) for part in _VECTORS]
-    parts = [matrix, *ends, *(getattr(brake, name) for name in _BRAKING)]
-    names = ["own", *_VECTORS, *_BRAKING]
-    return ca.Function("terms", list(sx.values()), ca.cse(dense(parts)), list(sx), names), follows
+    found = {"own": matrix}
+    for part in _VECTORS:
+        found[part] = ca.vertcat(ca.SX(0, 1), *(getattr(each, part)[i] for each, i in moving))
+    found |= {name: getattr(brake, name) for name in _BRAKING}
+    return sx.function("terms", found), follows
 
 
 def away_function(model: StepModel) -> ca.Function:
@@ -277,15 +277,11 @@ def away_function(model: StepModel) -> ca.Function:
         asking = returning * (1 if limit.hard else signals["asks"]) > 0.5
         for found, distance, allowed in ((above, to_upper, upper), (below, to_lower, lower)):
             found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
-    outputs = ca.cse(dense([ca.vertcat(*above, *below), ca.vertcat(*doubted)]))
-    return ca.Function("away", list(signals.values()), outputs, list(signals), ["away", "doubted"])
+    found = {"away": ca.vertcat(*above, *below), "doubted": ca.vertcat(*doubted)}
+    return signals.function("away", found)
 
 
 _VECTORS: Final = ("to_lower", "to_upper", "rate", "curvature_margin")
-
-
-def _stacked(entries: list[ca.SX]) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *entries)
 
 
 def _gathered(S: ca.MX, own: ca.MX, follows: list[int | None]) -> ca.MX:
@@ -384,7 +380,7 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
         "newly": ca.mmax(newly),
         "shift": found["shift"],
     }
-    return ca.Function("one_pass", list(mx.values()), list(result.values()), list(mx), list(result))
+    return mx.function("one_pass", result)
 
 
 _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
@@ -393,8 +389,7 @@ _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
 def _newly_locked(model: StepModel) -> ca.Function:
     """Return the function for unlocked joints at their end that would move outward."""
     mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
-    signals = {name: mx[name] for name in ("posture", "observed", "readings")}
-    context = model.context(signals, mx["S"])
+    context = model.context(mx.pick(("posture", "observed", "readings")), mx["S"])
     outward = ca.MX(ca.DM.zeros(*model.size("locked")))
     for limit in model.problem.row_limits:
         if not limit.yield_zone:
@@ -405,5 +400,5 @@ def _newly_locked(model: StepModel) -> ca.Function:
         down = ca.logic_and(rows.to_lower < limit.yield_zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
     free = ca.logic_and(outward, ca.logic_not(is_set(mx["locked"])))
-    newly = ca.densify(ca.logic_and(free, mx["residual"] < TOLERANCE))
-    return ca.Function("newly_locked", list(mx.values()), [newly], list(mx), ["newly_locked"])
+    newly = ca.logic_and(free, mx["residual"] < TOLERANCE)
+    return mx.function("newly_locked", {"newly_locked": newly})

@@ -180,7 +180,7 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
             ).values()
         ),
     )
-    planned = ca.Function("planned", [past, symbols[1]], [found.begun, found.own])
+    planned = ca.Function("planned", [past, symbols[1]], [found["begun"], found["own"]])
     history = np.concatenate(
         [
             part.ravel(order="F")
