@@ -8,7 +8,7 @@ same inputs and the same state always give the same answers.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -34,7 +34,7 @@ from ergoqp.step.certification import amiss, judge_function, shortened
 from ergoqp.step.delay import landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
-from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide, pull_function
+from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
 from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
@@ -88,64 +88,6 @@ def state_at_start(model: StepModel, twist: Any = None) -> np.ndarray:
         for name, block in taken_over(model, twist).items():
             parts[name] = block[:, None]
     return np.concatenate([part.ravel(order="F") for part in parts.values()])
-
-
-Frame: TypeAlias = tuple[np.ndarray, np.ndarray]
-"""Posture and mask of a frame, as read (n,) each."""
-
-Ready: TypeAlias = tuple[np.ndarray, np.ndarray, Mapping[str, str], Frame]
-"""What the next call starts from: usual inputs, state, notes, and the last frame.
-
-It is never written to, but replaced as one, as the last operation of a call. So an exception at any
-point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call. The usual
-inputs are all inputs of the function, one after the other, with the guide; the notes say what was
-wrong with the guide. A plain tuple is the fastest to make.
-"""
-
-
-class Layout:
-    """Where everything is in the inputs of the function of a step.
-
-    Attributes:
-        at: slice of each input.
-        parts: slice of each part of the state, within the state.
-    """
-
-    def __init__(self, model: StepModel, at: Mapping[str, slice]) -> None:
-        """Keep the slices `at` of the inputs."""
-        self.at, self.parts = at, model.places
-        self._dt, self._n = model.problem.dt, len(model.problem.coordinates)
-
-    def begin(self, size: int, state: np.ndarray, place: Guide | None) -> Ready:
-        """Return what the first call starts from.
-
-        Args:
-            size: number of all inputs.
-            state: the initial state.
-            place: place of the guide. None: there is none.
-        """
-        usual = np.zeros(size)
-        for name in ("observed", "frame", "enable"):
-            usual[self.at[name]] = 1.0
-        usual[self.at["dt"]] = self._dt
-        if place is not None:
-            usual = self.led(usual, place)
-        return usual, state, {}, (np.zeros(self._n), np.ones(self._n))
-
-    def led(self, usual: np.ndarray, place: Guide | None) -> np.ndarray:
-        """Return the usual inputs with another guide; None: there is none."""
-        usual, at = usual.copy(), self.at
-        usual[at["guided"]] = place is not None
-        if place is not None:
-            usual[at["guide"]], usual[at["promise"]] = place.pose.T.ravel(), place.expected
-        return usual
-
-    def forgotten(self, state: np.ndarray, *names: str) -> np.ndarray:
-        """Return a state with parts that are zero."""
-        state = state.copy()
-        for name in names:
-            state[self.parts[name]] = 0.0
-        return state
 
 
 INPUTS: Final = (
