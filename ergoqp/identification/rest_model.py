@@ -26,7 +26,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Evaluator
+from ergoqp.expressions import Evaluator, slices
 from ergoqp.human import Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
@@ -72,13 +72,10 @@ class Layout:
     @cached_property
     def parts(self) -> dict[str, slice]:
         """Slices of weights (log), comfort [rad], lengths (shares), seat [m] and bias [rad]."""
-        n, found, end = len(self.joints), {}, 0
+        n = len(self.joints)
         seats = int(self.response.stance == "seated")
         sizes = {"weights": n, "comfort": n, "lengths": len(LENGTHS), "seat": seats, "bias": n}
-        for name, size in sizes.items():
-            found[name] = slice(end, end + size)
-            end += size
-        return found
+        return slices(sizes)
 
     @cached_property
     def sd(self) -> np.ndarray:

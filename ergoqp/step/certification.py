@@ -27,7 +27,7 @@ from ergoqp.solvers.solver import FREE
 from ergoqp.step.model import PLACE, StepModel
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.rest import rest_update, trial_update
-from ergoqp.step.rows import MOVES, bends, patience
+from ergoqp.step.rows import MOVES, patience
 
 _HERE = ("posture", "observed", "readings", "pose")
 
@@ -385,7 +385,7 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
     held = ca.fmin(now, 0)
-    capped = (bends(problem.row_limits) > 0) & (problem.average > _LONG)
+    capped = (model.values("curvature") > 0) & (problem.average > _LONG)
     inherits = ca.DM(
         np.where(capped, _INHERITS + 3 * float(np.linalg.norm(problem.robot.noise[3:])), FREE)
     )

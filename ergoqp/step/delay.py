@@ -28,6 +28,7 @@ from ergoqp.expressions import Shape, call_by_name, dense, shifted, vectors, wri
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.step.layout import ASTRAY, LONGEST_DT, SHORTEST_DT, count, remaining_seconds, split
 from ergoqp.step.model import StepModel
+from ergoqp.step.rows import limit_values
 
 _AT_ALL: Final = 1e-9
 """Durations below this count as zero [s]."""
@@ -278,7 +279,7 @@ def landing(
     signals: Mapping[str, ca.MX],
     shape: Shape = vectors,
 ) -> dict[str, ca.MX]:
-    """Return ``landed`` (4, 4), the landing pose, and ``way``: see `WayLayout`.
+    """Return ``landed`` (4, 4), the landing pose, and ``way``: see `PendingMotionLayout`.
 
     The declared values of a robot are upper bounds: any share of each piece may be done already. So
     a piece that leads away from an end does not count, and a piece that leads to it counts in full.
@@ -346,7 +347,8 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
             / 2
             * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
         )
-        above += (1 + robot.gain_error) * stray * length * ca.DM(parts_of.bends)
+        bent = ca.DM(limit_values(parts_of.limits, "curvature") > 0)
+        above += (1 + robot.gain_error) * stray * length * bent
         turns = found["twists"][3:, :n]
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
         raised = law.stretch * law.longest * (rises @ found["weights"])
@@ -359,7 +361,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if robot.noise.any():
         # The noise counts twice for a row that touches a region at the point nearest to the pose:
         # for the distance and for the direction. With both, it is never measured inside.
-        astray = np.linalg.norm(robot.noise[:3]) * np.array(parts_of.tangents, float)
+        astray = np.linalg.norm(robot.noise[:3]) * limit_values(parts_of.limits, "tangent")
         aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
         below, above = below + aside, above + aside
     parts = [found["total"], below + off[many:], above + off[:many]]

@@ -17,7 +17,7 @@ import numpy as np
 
 from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Evaluator
+from ergoqp.expressions import Evaluator, slices
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import Braking
@@ -256,9 +256,8 @@ class StepModel:
         """Slice of the state of each part, and of the parts of the history and of the watch."""
         found = places(self.state)
         for name, sizes in {"history": self.history.sizes, **self.blocks}.items():
-            start = found[name].start
-            inner = {part: (at.start, at.stop) for part, at in places(sizes).items()}
-            found |= {part: slice(start + a, start + b) for part, (a, b) in inner.items()}
+            start, inner = found[name].start, places(sizes).items()
+            found |= {part: slice(start + at.start, start + at.stop) for part, at in inner}
         return found
 
     @cached_property
@@ -426,11 +425,8 @@ class StepModel:
 
     def by_limit(self, readings: Expression) -> dict[str, Expression]:
         """Return the readings of each limit, by the name of its first row."""
-        found, start = {}, 0
-        for limit, measure in self.measures:
-            size = measure.numel_out(0)
-            found[limit.names[0]] = readings[start : start + size]
-            start += size
+        sizes = {limit.names[0]: measure.numel_out(0) for limit, measure in self.measures}
+        found = {name: readings[at] for name, at in slices(sizes).items()}
         way = self.problem.way_out
         return found if way is None else found | way.of_limits(self.way_out(readings))
 

@@ -193,29 +193,15 @@ def pass_data(model: StepModel) -> ca.Function:
     brake = Braking(**{name: terms[name] for name in _BRAKING}, dt=mx["dt"], stop=problem.stop)
     matrix = _gathered(S, terms["own"], follows)
     rows = Rows(matrix, **{name: terms[name] for name in _VECTORS})
-    bounds = row_bounds(
-        problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"]
-    )
+    twist, limits = problem.twist_limit, problem.row_limits
+    bounds = row_bounds(twist, limits, rows, kept, away, brake, mx["final"])
     H, g = objective(model, mx, S, E)
     # Bounds drop the NaN of a row. In the objective it shows in the residual.
     seen = [k for k, row in enumerate(kept) if row in model.watched_rows]
     if seen:
         g = marked(g, *(ca.sumsqr(getattr(rows, part)[seen]) for part in _VECTORS))
-    found = {
-        "H": H,
-        "g": g,
-        "A": bounds.matrix,
-        "lbA": bounds.lower,
-        "ubA": bounds.upper,
-        "side": bounds.side,
-        "cap": bounds.cap,
-        "lb": brake.low,
-        "ub": brake.high,
-        "S": S,
-        "E": E,
-        "shift": shift,
-    }
-    return mx.function("pass_data", found)
+    found = {"H": H, "g": g, **bounds, "lb": brake.low, "ub": brake.high}
+    return mx.function("pass_data", found | {"S": S, "E": E, "shift": shift})
 
 
 _BRAKING: Final = ("twist", "low", "high", "reach")
@@ -366,20 +352,10 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
     lock = shape(_newly_locked(model))
-    newly = call_by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)[
-        "newly_locked"
-    ]
-    result = {
-        "xi": xi,
-        "S": found["S"],
-        "E": found["E"],
-        "slack": answer["slack"],
-        "multipliers": answer["multipliers"],
-        "residual": answer["residual"],
-        "next_locked": ca.fmax(mx["locked"], newly),
-        "newly": ca.mmax(newly),
-        "shift": found["shift"],
-    }
+    known = {**mx, **answer, "xi": xi, "S": found["S"]}
+    newly = call_by_name(lock, known, written=True)["newly_locked"]
+    result = {**answer, "xi": xi, **{name: found[name] for name in ("S", "E", "shift")}}
+    result |= {"next_locked": ca.fmax(mx["locked"], newly), "newly": ca.mmax(newly)}
     return mx.function("one_pass", result)
 
 

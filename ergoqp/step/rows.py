@@ -19,7 +19,7 @@ the time that the return should take.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -50,17 +50,6 @@ ELBOW = 1e-6
 
 It has one even where only braking is left.
 """
-
-
-@dataclass(frozen=True)
-class RowBounds:
-    """Rows that some twist can move, as `build_qp` takes them."""
-
-    matrix: Expression
-    lower: Expression
-    upper: Expression
-    side: Expression
-    cap: Expression
 
 
 def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
@@ -139,7 +128,7 @@ def row_bounds(
     away: Expression,
     brake: Braking,
     final: Expression,
-) -> RowBounds:
+) -> dict[str, Expression]:
     """Return the bounds of the movable rows, both ends of all rows at once, as vectors.
 
     Args:
@@ -154,7 +143,7 @@ def row_bounds(
     """
     m, kept = len(kept), list(kept)
     if not m:
-        return RowBounds(rows.matrix, rows.to_lower, rows.to_lower, rows.to_lower, rows.to_lower)
+        return {"A": rows.matrix} | dict.fromkeys(("lbA", "ubA", "side", "cap"), rows.to_lower)
     # An axis that the object must not move may still be coming to rest after a push. It counts
     # until then.
     at_braking = rows.matrix @ brake.twist
@@ -166,15 +155,14 @@ def row_bounds(
     lower = ca.fmin(lower, upper)
     relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
     side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
-    equalities = [getattr(limit, "equality", False) for limit in limits for _ in limit.names]
-    equal = ca.DM(np.array(equalities, dtype=float)[kept])
+    equal = ca.DM(limit_values(limits, "equality")[kept])
     if equal.nnz() and ca.sum1(equal):
         # A surface is an equality, which braking keeps (`on_surface`).
         upper, lower, cap = (
             ca.if_else(equal, own, other)
             for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
         )
-    return RowBounds(rows.matrix, lower, upper, side, cap)
+    return {"A": rows.matrix, "lbA": lower, "ubA": upper, "side": side, "cap": cap}
 
 
 def _ends(
@@ -232,7 +220,7 @@ def _ends(
     )
     # A bent row needs room between the rate asked for and its largest rate, or a solver finds no
     # solution.
-    most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
+    most = ca.DM(np.where(limit_values(limits, "curvature")[kept] > 0, 1 / _ROOM, 1.0))
     back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
     outside = ca.logic_and(away > 0, twice(moves))
     allowed = ca.if_else(outside, 0, allowed)
@@ -241,11 +229,6 @@ def _ends(
     beyond = toward - bound
     needed = ca.fmax(least - bound, beyond)
     return bound, ca.if_else(ca.fmax(needed, beyond + ELBOW) > 0, needed + ELBOW, 0)
-
-
-def bends(limits: Sequence[Limit]) -> np.ndarray:
-    """Return the bend of each row, 0 for straight ones, see `ergoqp.limits.limit.Limit`."""
-    return np.array([getattr(limit, "curvature", 0.0) for limit in limits for _ in limit.names])
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
@@ -257,7 +240,7 @@ def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
         [
             value
             for limit in limits
-            for value in np.broadcast_to(getattr(limit, pick), len(limit.names))
+            for value in np.broadcast_to(getattr(limit, pick, 0.0), len(limit.names))
         ],
         dtype=float,
     )
