@@ -186,14 +186,15 @@ def draw_starts(
             # The hand may have turned about a free tool, so the grasp is that of the new
             # posture.
             starts.append(
-                Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles)
+                Start(posture, pose, np.linalg.solve(pose, grips_of(person, posture)), soles)
             )
             if len(starts) == count:
                 break
     return starts
 
 
-def _grips(person: ModelPerson, posture: np.ndarray) -> np.ndarray:
+def grips_of(person: ModelPerson, posture: np.ndarray) -> np.ndarray:
+    """Return the grips in the world (k, 4, 4) at a posture (32,) [rad]."""
     contact = person.contact(posture)[0]
     return np.stack([contact @ grip for grip in person.grasp(posture)])
 

@@ -329,8 +329,7 @@ class Sight:
         """
         scene, site = self._scene, self._scene.contact_site
         data = self.place(posture, positions)
-        contact, jacobian = np.eye(4), np.zeros((6, scene.model.nv))
-        contact[:3, :3], contact[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+        contact, jacobian = scene.contact_pose(data), np.zeros((6, scene.model.nv))
         data = self.place(posture, after)
         mujoco.mj_jacSite(scene.model, data, jacobian[:3], jacobian[3:], site)
         return contact, jacobian[:, scene.arm]
