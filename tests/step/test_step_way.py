@@ -37,7 +37,7 @@ def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
     )
     found = under_way(StepModel(problem), history, dt)
     after = ca.vertcat(*next_history(StepModel(problem), history, found, planned, sent, still))
-    seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
+    seen = [found[name] for name in FOUND if name in found]
     return ca.Function("seen", [history, dt], seen), ca.Function(
         "after", [history, planned, sent, still, dt], [after]
     )
