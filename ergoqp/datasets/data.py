@@ -240,9 +240,6 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
             )
     data = make()
     entry.write(
-        points=data.points,
-        labels=data.labels,
-        coordinates=data.coordinates,
-        source=data.source,
+        points=data.points, labels=data.labels, coordinates=data.coordinates, source=data.source
     )
     return data

@@ -63,10 +63,8 @@ def reason_of(step: Step, notes: Mapping[str, str]) -> str:
         # Those of the object do not: the certification is exact there.
         soft = [not limit.hard for limit in limits]
         used = [names[i] for i in np.flatnonzero((account("slack") > 1e-6) & soft)]
-        parts.append(
-            "braking alone would pass these limits, so they give way: "
-            + ", ".join(map(spoken, used))
-        )
+        names_used = ", ".join(map(spoken, used))
+        parts.append(f"braking alone would pass these limits, so they give way: {names_used}")
     if step.drawn:
         parts.append(_DRAWN[step.drawn])
     if "guide" in notes:
@@ -108,30 +106,21 @@ def _noise(problem: Problem, name: str) -> float:
 
 def _cause(step: Step, cause: Cause, notes: Mapping[str, str]) -> str:
     problem, (posture, dt, age) = step._problem, step._seen
-    if cause is Cause.posture:
-        return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
-    if cause is Cause.pose:
-        return notes.get(
-            "pose", "pose is not finite, over 100 m away or not a rigid motion: is it in m?"
-        )
-    if cause is Cause.twist:
-        return notes.get("twist", "twist is not finite or huge")
-    if cause is Cause.disabled:
-        return notes.get("enable", "not enabled")
-    if cause is Cause.frames:
-        return frames_sentence(problem, step.account("frames"))
-    if cause is Cause.robot:
-        kind, amount = step.account("fault").tolist()
-        return fault_sentence(int(kind), amount)
-    if cause is Cause.asked:
-        return notes.get("deadline", "asked to brake")
-    if cause is Cause.term:
-        return notes.get("term") or _no_number(step)
-    if cause is Cause.dt and "dt" in notes:
-        return notes["dt"]
-    if cause is Cause.age and "age" in notes:
-        return notes["age"]
+    noted = {Cause.disabled: "enable", Cause.asked: "deadline"}.get(cause, cause.name)
+    if cause is Cause.posture and "posture" not in notes:
+        noted = "observed"
+    if noted in notes:
+        return notes[noted]
+    kind, amount = step.account("fault").tolist()
     return {
+        Cause.posture: _bad_posture(problem, posture),
+        Cause.pose: "pose is not finite, over 100 m away or not a rigid motion: is it in m?",
+        Cause.twist: "twist is not finite or huge",
+        Cause.disabled: "not enabled",
+        Cause.frames: frames_sentence(problem, step.account("frames")),
+        Cause.robot: fault_sentence(int(kind), amount),
+        Cause.asked: "asked to brake",
+        Cause.term: _no_number(step),
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: (
             f"age is {age:g} s, allowed at least 0 (a stamp up to {1e3 * CLOCK_ROUNDING:g} ms ahead"
@@ -160,14 +149,10 @@ def _cause(step: Step, cause: Cause, notes: Mapping[str, str]) -> str:
 
 def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
     """Return where the object is that no straight way leads out of."""
+    limits = (limit for limit in problem.row_limits for _ in limit.names)
     found = [
         f"{getattr(limit, 'violation_label', 'outside')} {name}"
-        for limit, name, margin in zip(
-            (limit for limit in problem.row_limits for _ in limit.names),
-            problem.row_names,
-            margins,
-            strict=True,
-        )
+        for limit, name, margin in zip(limits, problem.row_names, margins, strict=True)
         if limit.hard and margin < -limit.tolerance
     ]
     return (
@@ -414,12 +399,10 @@ def _close_function(model: StepModel) -> ca.Function:
     if problem.average:
         # A mean keeps the acceleration by itself while the history is long enough.
         change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
-        sent = ca.fmin(
-            ca.fmax(sx["begun"] + sx["own"] * planned, sx["sent"] - change), sx["sent"] + change
-        )
-    failed = ca.if_else(
-        sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved
-    )
+        mean = sx["begun"] + sx["own"] * planned
+        sent = ca.fmin(ca.fmax(mean, sx["sent"] - change), sx["sent"] + change)
+    certified = 2.0**Cause.not_certified * (share <= 0)
+    failed = ca.if_else(sx["solved"], certified, 2.0**Cause.not_solved)
     failed = ca.if_else(sx["unusable"], 2.0**Cause.term, failed)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
     status = ca.if_else(is_set(sx["next_rest"][0]), int(Status.settled), int(Status.optimal))
@@ -431,15 +414,8 @@ def _close_function(model: StepModel) -> ca.Function:
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ sent))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
     still = ca.sumsqr(planned) + ca.sumsqr(sent) <= 0
-    found = {
-        "planned": planned,
-        "twist": sent,
-        "still": still,
-        "status": status,
-        "all_causes": causes,
-        "residuals": residuals,
-    }
-    return sx.function("close", found)
+    found = {"planned": planned, "twist": sent, "still": still, "status": status}
+    return sx.function("close", found | {"all_causes": causes, "residuals": residuals})
 
 
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:

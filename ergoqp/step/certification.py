@@ -242,9 +242,8 @@ def judge_function(model: StepModel) -> ca.Function:
     away = ca.fmax(signals["away"][:count], signals["away"][count:]) > 0
     if problem.surface is not None:
         # A surface has no ends. A distance from it counts as outside.
-        on = ca.DM(
-            [float(limit is problem.surface) for limit in problem.row_limits for _ in limit.names]
-        )
+        limits = (limit for limit in problem.row_limits for _ in limit.names)
+        on = ca.DM([float(limit is problem.surface) for limit in limits])
         away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
     outside = ca.logic_and(away, _moves(problem, margins))
     found = call_by_name(_decide_function(model), signals, must_move=largest(outside))
@@ -277,7 +276,7 @@ def _decide_function(model: StepModel) -> ca.Function:
     )
     trial = {}
     if model.guided:
-        journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["value"])
+        journey = (sx[name] for name in ("landed", "distance", "on", "promise", "value"))
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
         trial = {"next_trial": next_trial}
     wanted = ca.if_else(
@@ -290,15 +289,8 @@ def _decide_function(model: StepModel) -> ca.Function:
     wanted, slowest = (
         _kept(problem, context, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
     )
-    found = {
-        "wanted": wanted,
-        "brake": slowest,
-        "ways": stop.ways(wanted, dt),
-        "solved": solved,
-        "next_rest": rest,
-        **trial,
-    }
-    return sx.function("decide", found)
+    found = {"wanted": wanted, "brake": slowest, "ways": stop.ways(wanted, dt)}
+    return sx.function("decide", found | {"solved": solved, "next_rest": rest, **trial})
 
 
 def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
@@ -306,10 +298,8 @@ def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     shorten = _shorten_function(model)
     all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     choose = ca.Function.if_else("shorten_or_not", shorten, all_of_it)
-    return choose(
-        model.if_needed(ca.logic_not(signals["whole"])),
-        *(signals[name] for name in shorten.name_in()),
-    )
+    needed = model.if_needed(ca.logic_not(signals["whole"]))
+    return choose(needed, *(signals[name] for name in shorten.name_in()))
 
 
 def _shorten_function(model: StepModel) -> ca.Function:
@@ -333,9 +323,8 @@ def _shorten_function(model: StepModel) -> ca.Function:
         candidates += [candidate * part for candidate in _SHARES[::2] for part in (shift, turn)]
     shares = ca.SX(6, 1)
     for candidate in reversed(candidates):
-        twist = _kept(
-            problem, context, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
-        )
+        shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
+        twist = _kept(problem, context, shorter, sx["dt"])
         holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
     return sx.function("shorten", {"share": shares})
@@ -350,9 +339,8 @@ def _kept(
     """
     if problem.surface is None:
         return twist
-    return problem.surface.retract(
-        context.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * signals
-    )
+    acceleration = ca.DM(problem.twist_limit.acceleration) * signals
+    return problem.surface.retract(context.posture, twist, dt, acceleration)
 
 
 def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
@@ -386,9 +374,8 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
     held = ca.fmin(now, 0)
     capped = (model.values("curvature") > 0) & (problem.average > _LONG)
-    inherits = ca.DM(
-        np.where(capped, _INHERITS + 3 * float(np.linalg.norm(problem.robot.noise[3:])), FREE)
-    )
+    noise = float(np.linalg.norm(problem.robot.noise[3:]))
+    inherits = ca.DM(np.where(capped, _INHERITS + 3 * noise, FREE))
     hard_floor = held + (1 - margin_is_lower_bound) * ca.fmin(braked - held, 0)
     hard_floor = ca.fmax(hard_floor, ca.if_else(now < -inherits, -FREE, -inherits)) - HELD
     return ca.if_else(hard, hard_floor, soft_floor)

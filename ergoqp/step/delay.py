@@ -178,15 +178,14 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> dict[s
     W, robot, lag = model.problem.average, model.problem.robot, model.problem.robot.lag
     by_ages = call_by_name(weights_function(model), {**part, "dt": dt})
     of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
+    optional = {"clung": part["clung"]} if "clung" in part else {}
     pieces, seconds = [], []
     begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
     if W:
+        optional["weights"] = by_ages["present"]
         sums = part["planned"] @ of_plan
         begun, total = sums[:, 0], sums[:, 1]
         pieces, seconds = [part["planned"]], [of_plan[:, 1]]
-    optional = {"clung": part["clung"]} if "clung" in part else {}
-    if W:
-        optional["weights"] = by_ages["present"]
     if robot.owes:
         owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
@@ -328,9 +327,8 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if n:
         # The addition of a mean that still rises toward the last planned twist, see
         # `ergoqp.limits.twist.Stop`.
-        rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (
-            law.stretch * law.longest * found["weights"]
-        )
+        rises = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0)
+        rise = rises @ (law.stretch * law.longest * found["weights"])
         below, above = below + rise[many:], above + rise[:many]
     angles = stray = raised = ca.MX(0)
     if robot.longest_hold or parts_of.strays:
@@ -342,11 +340,8 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         length = angles @ found["seconds"]
         if "tail" in found:
             length += ca.norm_2(found["tail"][3:, 0] + found["tail"][3:, 1])
-        stray = (
-            (1 + robot.gain_error)
-            / 2
-            * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
-        )
+        chord = ca.sumsqr(found["total"][3:])
+        stray = (1 + robot.gain_error) / 2 * ca.sqrt(ca.fmax(length**2 - chord, 0))
         bent = ca.DM(limit_values(parts_of.limits, "curvature") > 0)
         above += (1 + robot.gain_error) * stray * length * bent
         turns = found["twists"][3:, :n]
@@ -443,17 +438,9 @@ def _hard_rows(model: StepModel) -> ca.Function:
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
     landed, readings = shifted(pose, total), ca.SX.sym("readings", *model.size("readings"))
-    context = LimitContext(
-        posture,
-        ca.SX.ones(n),
-        landed,
-        S,
-        ca.SX(6, 1),
-        ca.SX(6, 1),
-        readings=model.by_limit(readings),
-        surface=problem.surface,
-        pending_displacement=total,
-    )
+    by_limit, still = model.by_limit(readings), ca.SX(6, 1)
+    where = {"readings": by_limit, "surface": problem.surface, "pending_displacement": total}
+    context = LimitContext(posture, ca.SX.ones(n), landed, S, still, still, **where)
     rows = ca.vertcat(*(limit.rows(context).matrix for limit in model.under_way.limits))
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
         names = ", ".join(model.under_way.names)

@@ -141,27 +141,22 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
-    suppress_stdout = ca.SX(6, 1)
+    unreported = ca.SX(6, 1)
     if "held" in now:
         # The motion during a late call was not reported.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
-        suppress_stdout = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        unreported = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(
         drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
     )
-    by_twist = length((late - slack - suppress_stdout) / (_EARLY * unit))
+    by_twist = length((late - slack - unreported) / (_EARLY * unit))
     if problem.robot.owes:
         # The sent twists give only the largest possible speed of a late robot.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    kept = {
-        "drift": drift,
-        "path": path,
-        "blur": blur,
-        "surprise": ca.horzcat(now["executed"] - sent, change),
-        "due": due,
-    }
+    last = ca.horzcat(now["executed"] - sent, change)
+    kept = {"drift": drift, "path": path, "blur": blur, "surprise": last, "due": due}
     return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
 
 
@@ -179,12 +174,8 @@ def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     angle = 2 * ca.asin(ca.fmin(sine, 1))
     off = ca.vertcat(ca.fmax(aside, 0), ca.fmax(-aside, 0), angle)
     farthest = ca.fmax(off, ca.if_else(fresh, 0, now["farthest"]))
-    return {
-        "aside": aside,
-        "turned_aside": turned_aside,
-        "farthest": farthest,
-        "since": now["now_seen"] + 1,
-    }
+    led = {"aside": aside, "turned_aside": turned_aside, "farthest": farthest}
+    return led | {"since": now["now_seen"] + 1}
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
@@ -290,15 +281,14 @@ def watch(model: StepModel, signals: Mapping[str, ca.MX], shape: Shape) -> dict[
     compare, explain = shape(_compared(model)), explained_function(model)
     found = call_by_name(compare, signals)
     # Without a reported twist or a fault there is nothing to explain.
-    inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
-    was = dict(zip(explain.name_in(), inputs, strict=True))
+    was = dict(zip(explain.name_in(), explain.mx_in(), strict=True))
     story = was["story"]
     if model.problem.robot.owes:
         # The motion of a late robot in this period is unknown, so its sum starts again.
         anew = {name: ca.MX(ca.DM.zeros(*REPORTED[name])) for name in ("drift", "path", "blur")}
         anew["due"] = ca.horzcat(was["up"], was["down"])
         story = joined(STORY, split(STORY, story) | anew)
-    quiet = ca.Function("quiet", inputs, [story, ca.MX(ca.DM.zeros(count(SAID)))])
+    quiet = ca.Function("quiet", list(was.values()), [story, ca.MX(ca.DM.zeros(count(SAID)))])
     choose = ca.Function.if_else("explain_or_not", shape(explain), quiet)
     facts = {**signals, **found}
     speaks = model.if_needed(ca.logic_or(found["faulty"], signals["told"]))
@@ -376,14 +366,10 @@ def _compared(model: StepModel) -> ca.Function:
         # Two paths to the same end, one of them this far behind, differ by the area between them.
         turn = now["blind"] + ca.norm_2(done[3:])
         block["blind"] = ca.if_else(now["measured"], 0, turn)
-        area = (
-            now["measured"]
-            * (now["blind"] > 0)
-            * turn
-            * ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
-        )
-        least = least - ca.vertcat(0, 0, 0, area, area, area)
-        most = most + ca.vertcat(0, 0, 0, area, area, area)
+        unsure = ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
+        area = now["measured"] * (now["blind"] > 0) * turn * unsure
+        aside = ca.vertcat(0, 0, 0, area, area, area)
+        least, most = least - aside, most + aside
     # At the start of the comparison the pose has its full error; the turn since then is known up to
     # noise.
     at_begin, sent = noise, ca.SX.eye(3)
@@ -419,11 +405,8 @@ def _compared(model: StepModel) -> ca.Function:
             block["area"] = ca.if_else(now["started"], block["area"], 0)
     if robot.longest_hold and robot.owes:
         # Along any axis of a turn: it was somewhere on the way.
-        hold = (
-            stretch
-            * robot.longest_hold
-            * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
-        )
+        reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        hold = stretch * robot.longest_hold * reach
         if "turned" in sizes:
             hold[3:, :] = ca.norm_2(ca.fmax(hold[3:, 0], hold[3:, 1]))
         below, above = below + hold[:, 0], above + hold[:, 1]
@@ -445,9 +428,8 @@ def _compared(model: StepModel) -> ca.Function:
     # The comparison starts again where the object is measured standing still, and after a fault
     # there. Where it is not measured standing, the motion before is still to be compared.
     comes_to_rest = ca.logic_and(parked, ca.logic_or(now["calm"] <= 0, found))
-    begins = ca.logic_and(
-        ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found)
-    )
+    may_begin = ca.logic_or(ca.logic_not(now["begun"]), found)
+    begins = ca.logic_and(ca.logic_and(parked, now["measured"]), may_begin)
     anew = ca.logic_or(begins, ca.logic_not(enabled))
     again = anew
     if "turned" in sizes:

@@ -224,11 +224,7 @@ def _read_function(model: StepModel) -> ca.Function:
 
 
 def _pose(
-    model: StepModel,
-    given: Mapping[str, ca.MX],
-    measured: ca.MX,
-    moved: ca.MX,
-    posture: ca.MX,
+    model: StepModel, given: Mapping[str, ca.MX], measured: ca.MX, moved: ca.MX, posture: ca.MX
 ) -> ca.MX:
     """Return the measured pose, or the last one moved on.
 
@@ -236,13 +232,9 @@ def _pose(
     """
     sx = ca.SX.sym("stored", 4, 4), ca.SX.sym("moved", 6)
     on = ca.Function("moved_on", sx, [exp_rotation(*sx)])
-    inputs = [
-        ca.MX.sym("pose", 4, 4),
-        ca.MX.sym("started"),
-        ca.MX.sym("stored", 4, 4),
-        ca.MX.sym("moved", 6),
-    ]
-    inputs.append(ca.MX.sym("posture", posture.numel()))
+    sizes = {"pose": (4, 4), "started": (1, 1), "stored": (4, 4), "moved": (6, 1)}
+    sizes["posture"] = (posture.numel(), 1)
+    inputs = [ca.MX.sym(name, *size) for name, size in sizes.items()]
     first = model.response.contact()(inputs[4])[0]
     if not of_package(model.problem.response):
         # A matrix of zeros stands for a pose that is not usable.
@@ -381,13 +373,9 @@ def build_step(
     signals |= call_by_name(shape(account_function(model)), signals, written=True)
     signals["next_state"] = joined(model.state, _next_state(model, signals | watched))
 
-    signals |= {
-        "pose_used": signals["pose"],
-        "causes": signals["all_causes"],
-        "cost": signals["value"],
-    }
-    signals |= {"slack": signals["all_slack"], "multipliers": signals["all_multipliers"]}
-    signals |= {"fault": watched["said"][-2:], "margins": signals["now"]}
+    signals |= {"pose_used": signals["pose"], "causes": signals["all_causes"]}
+    signals |= {"cost": signals["value"], "margins": signals["now"], "fault": watched["said"][-2:]}
+    signals |= {name: signals[f"all_{name}"] for name in ("slack", "multipliers")}
     outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ())]
     results = once([signals[name] for name in outputs])
     return ca.Function(name, list(raw.values()), results, names, outputs)
@@ -413,13 +401,11 @@ def _next_state(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.
         after["unsure"] = ca.if_else(seen, ends, signals["unsure"])
     if model.asks_back:
         limits = model.problem.row_limits
-        after["asked"] = update_recovery_timer(
-            limits, signals["asked"], signals["now"], signals["dt"]
-        )
+        now, dt = signals["now"], signals["dt"]
+        after["asked"] = update_recovery_timer(limits, signals["asked"], now, dt)
     if model.compares:
-        after["frames"] = (
-            signals["frames"] if model.spare else compared_frames(model.problem, signals)
-        )
+        spare = model.spare
+        after["frames"] = signals["frames"] if spare else compared_frames(model.problem, signals)
     if model.guided:
         after["trial"] = signals["next_trial"]
     return after

@@ -235,10 +235,8 @@ COMPARED: Final = {
     "rests": (1, 1),  # how often it has come to rest, or was not enabled
     "begun": (1, 1),  # 1 while it stands still and the poses are compared from there
     "seen": (1, 1),  # how many poses were measured
-    "latched": (
-        1,
-        1,
-    ),  # 1 from a fault without a measured pose until one is measured, or `try_again`
+    # 1 from a fault without a measured pose until one is measured, or `try_again`
+    "latched": (1, 1),
     "doubted": (1, 1),  # 1 from such a fault until a pose is measured
     "presumed": (1, 1),  # 1 while the pose is that of a posture, moved on
 }
@@ -301,11 +299,7 @@ def watch_blocks(problem: Problem) -> dict[str, Sizes]:
     blind = {"blind": (1, 1)} if problem.robot.owes and not turn else {}
     # The part of one hold that may be unseen in the comparison, in addition to noise.
     slip = {"slip": (6, 1)} if problem.robot.longest_hold and not problem.robot.owes else {}
-    return {
-        "compared": COMPARED | held | slip | turn | area | blind,
-        "story": STORY,
-        "said": SAID,
-    }
+    return {"compared": COMPARED | held | slip | turn | area | blind, "story": STORY, "said": SAID}
 
 
 def leap_beyond(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:

@@ -102,12 +102,8 @@ def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> R
     if not bend:
         return rows
     most = _ROOM * rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
-    return replace(
-        rows,
-        rate=ca.if_else(
-            ca.fmin(rows.to_lower, rows.to_upper) < 0, ca.fmin(rows.rate, most), rows.rate
-        ),
-    )
+    outside = ca.fmin(rows.to_lower, rows.to_upper) < 0
+    return replace(rows, rate=ca.if_else(outside, ca.fmin(rows.rate, most), rows.rate))
 
 
 def movable_rows(twist: TwistLimit, limits: Sequence[Limit], context: LimitContext) -> list[int]:
@@ -197,27 +193,19 @@ def _ends(
     # moves it outward, it is locked and the object goes on without it.
     zone = constant("yield_zone")
     if zone.nnz():
-        yields = ca.logic_and(
-            ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)),
-            ca.logic_not(final),
-        )
+        inside = ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE))
+        yields = ca.logic_and(inside, ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
     # The curvature of a row must not carry it further out; on the object side not at all. A
     # straight row has none. Between two ends that are both within the noise of the pose, it stays
     # where it is.
-    curving = twice(
-        ca.if_else(
-            moves,
-            (rows.curvature_margin + ca.fmin(rows.curvature_margin, CLEARANCE)) / brake.swing,
-            0,
-        )
-    )
+    bent = rows.curvature_margin + ca.fmin(rows.curvature_margin, CLEARANCE)
+    curving = twice(ca.if_else(moves, bent / brake.swing, 0))
     # A row that does not ask to come back is only stopped from going further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
     # At distance / recovery_time the return would never end, so its last part has a constant speed.
-    pace = ca.fmin(
-        ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt)
-    )
+    steady = ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN)
+    pace = ca.fmin(steady, away * (1 / brake.dt))
     # A bent row needs room between the rate asked for and its largest rate, or a solver finds no
     # solution.
     most = ca.DM(np.where(limit_values(limits, "curvature")[kept] > 0, 1 / _ROOM, 1.0))
@@ -232,18 +220,12 @@ def _ends(
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
-    """Return one number per row from the attribute `pick` of the limits.
+    """Return one number per row from the attribute `pick` of the limits, 0 where there is none.
 
     The attribute is one number for all rows of a limit, or one for each row.
     """
-    return np.array(
-        [
-            value
-            for limit in limits
-            for value in np.broadcast_to(getattr(limit, pick, 0.0), len(limit.names))
-        ],
-        dtype=float,
-    )
+    rows = (np.broadcast_to(getattr(limit, pick, 0.0), len(limit.names)) for limit in limits)
+    return np.array([value for each in rows for value in each], dtype=float)
 
 
 def recovery_allowed(asked: ca.MX) -> ca.MX:
