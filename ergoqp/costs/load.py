@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
-from ergoqp.errors import InputError, ModelError
+from ergoqp.errors import InputError, ModelError, last_line
 from ergoqp.expressions import Evaluator
 from ergoqp.learning.model_file import load_model
 
@@ -77,12 +77,8 @@ def load_cost(path: Path | str) -> LearnedCost:
     ) as error:
         raise ModelError(
             f"{Path(path).name}: does not hold what a model of kind {kind!r} needs"
-            f" ({_last_line(error)})"
+            f" ({last_line(error)})"
         ) from None
-
-
-def _last_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[-1]
 
 
 @dataclass(frozen=True)

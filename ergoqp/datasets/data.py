@@ -159,16 +159,12 @@ def read_data(path: Path | str) -> DataSet:
         raise ModelError(
             f"{path.name}: got {header.count(SCORE)} columns named {SCORE!r}, allowed exactly one"
         )
-    numbers = np.array(
-        [_numbers(path, i, row, len(header)) for i, row in enumerate(rows[1:], start=2)]
-    )
+    lines = enumerate(rows[1:], start=2)
+    numbers = np.array([_numbers(path, line, row, len(header)) for line, row in lines])
     at = header.index(SCORE)
     points = np.delete(numbers, at, axis=1) * np.array([scale for _, scale in columns])
-    beyond = (
-        np.flatnonzero((np.abs(points) > np.pi).any(axis=1))
-        if columns[0][0] in INDEX
-        else np.array([])
-    )
+    of_joints = columns[0][0] in INDEX
+    beyond = np.flatnonzero((np.abs(points) > np.pi).any(axis=1) & of_joints)
     if beyond.size:
         line = beyond[0] + 2
         raise ModelError(
@@ -232,12 +228,8 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
     kept = entry.read(("points", "labels", "coordinates", "source"))
     if kept is not None:
         with contextlib.suppress(ErgoqpError, ValueError, TypeError):
-            return DataSet(
-                kept["points"],
-                kept["labels"],
-                tuple(kept["coordinates"].tolist()),
-                str(kept["source"]),
-            )
+            names = tuple(kept["coordinates"].tolist())
+            return DataSet(kept["points"], kept["labels"], names, str(kept["source"]))
     data = make()
     entry.write(
         points=data.points, labels=data.labels, coordinates=data.coordinates, source=data.source

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, last_line
 from ergoqp.expressions import dense
 from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
@@ -291,10 +291,9 @@ def _check_nearest(region: Region) -> None:
         lengths = [float(nearest(at)[1]) for at in _SAMPLES]
         shapes = distance.shape, direction.shape
     except Exception as error:  # any error in the code of a user's region
-        words = (str(error).strip().splitlines() or [""])[-1][:100]
         raise InputError(
-            f"keep_out region: got {type(error).__name__} ({words}) from nearest of"
-            f" {shown(region)}, allowed a distance and a direction (3,) of CasADi"
+            f"keep_out region: got {type(error).__name__} ({last_line(error)[:100]}) from nearest"
+            f" of {shown(region)}, allowed a distance and a direction (3,) of CasADi"
         ) from None
     if shapes != ((1, 1), (3, 1)):
         raise InputError(

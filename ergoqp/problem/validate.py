@@ -27,7 +27,7 @@ from ergoqp.arguments import (
     of_package,
     shown,
 )
-from ergoqp.errors import InputError, ProblemError, in_words
+from ergoqp.errors import InputError, ProblemError, in_words, last_line
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.limits import TwistLimit
 from ergoqp.limits.custom import KINDS, judged_once
@@ -169,10 +169,9 @@ def check_expression(cost: Any, size: int) -> None:
             if not getattr(cost, "dense", False):
                 function.expand()  # as the step does
     except Exception as error:  # any error in the code of a user's cost
-        words = (str(error).strip().splitlines() or [""])[-1][:120]
         raise ProblemError(
-            f"cost: got {type(error).__name__} ({words}) from the expression of {cost.name},"
-            " allowed a scalar of CasADi"
+            f"cost: got {type(error).__name__} ({last_line(error)[:120]}) from the expression of"
+            f" {cost.name}, allowed a scalar of CasADi"
         ) from None
     if not scalar:
         raise ProblemError(
