@@ -176,6 +176,13 @@ def numbers_of(
     return tuple(float(number) for number in numbers)
 
 
+def are_shares(values: Any, count: int) -> bool:
+    """Return whether numbers are `count` shares: not negative, and adding up to 1."""
+    shares = np.asarray(values, dtype=float)
+    whole = shares.shape == (count,) and abs(float(shares.sum()) - 1) <= 1e-9
+    return whole and bool((shares >= 0).all())
+
+
 def unmasked(value: Any) -> np.ndarray:
     """Return an array. Masked entries become NaN, because the value below a mask is unknown."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():

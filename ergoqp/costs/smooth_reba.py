@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import are_shares, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
@@ -379,17 +379,9 @@ def _mixture(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     taus = np.atleast_1d(np.asarray(taus_deg, float))
     shares = np.atleast_1d(np.asarray(weights, float))
-    if (
-        taus.ndim != 1
-        or not taus.size
-        or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all()
-    ):
+    if taus.ndim != 1 or not taus.size or not ((taus >= 1e-3) & (taus <= 180)).all():
         raise InputError(f"taus_deg: got {shown(taus_deg)}, allowed: scales from 0.001 to 180 deg")
-    if (
-        shares.shape != taus.shape
-        or not (shares >= 0).all()
-        or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9)
-    ):
+    if not are_shares(shares, taus.size):
         raise InputError(
             f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative,"
             " adding up to 1"

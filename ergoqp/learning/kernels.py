@@ -31,6 +31,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import are_shares
 from ergoqp.errors import ModelError
 from ergoqp.learning.pipelines import sklearn
 
@@ -391,13 +392,7 @@ class Steps:
             ModelError: if a width is not positive, or the shares do not add up to 1.
         """
         widths, shares = tuple(map(float, self.widths)), tuple(map(float, self.shares))
-        if (
-            not widths
-            or len(widths) != len(shares)
-            or min(widths) <= 0
-            or min(shares) < 0
-            or abs(sum(shares) - 1) > 1e-9
-        ):
+        if not widths or min(widths) <= 0 or not are_shares(shares, len(widths)):
             raise ModelError(
                 f"steps: got widths {widths} with shares {shares}, "
                 "allowed positive widths and as many shares, not negative, adding up to 1"
