@@ -69,32 +69,7 @@ _LATER = {
 _EXTRAS = {"whole_body": "mink"}
 """Folders that can only be imported if a package is installed, by folder; an extra installs it."""
 
-__all__ = [
-    "JOINTS",
-    "Control",
-    "DeclaredRobot",
-    "Frames",
-    "Problem",
-    "Seeker",
-    "Step",
-    "Stepper",
-    "__version__",
-    "benchmark_step",
-    "calibrate_frames",
-    "compare",
-    "errors",
-    "fit_postures",
-    "identify",
-    "initial_state",
-    "load_cost",
-    "load_problem",
-    "load_recording",
-    "optimise",
-    "reba",
-    "replay",
-    "simulate",
-    "step_function",
-]
+__all__ = ["JOINTS", "__version__", "errors", "reba", *_LATER]  # pyright: ignore
 
 
 def __getattr__(name: str) -> Any:

@@ -103,10 +103,8 @@ def check_number(
         ErgoqpError: `error`, if the value is not a number from `low` to `high`.
     """
     if not (_is_real(value) and low <= value <= high):
-        end, kind = (
-            f" {unit}" if unit not in ("", "share") else "",
-            "" if _is_real(value) else "a number from ",
-        )
+        end = f" {unit}" if unit not in ("", "share") else ""
+        kind = "" if _is_real(value) else "a number from "
         unlike = "" if kind else perhaps([value], low, high, unit)
         raise error(
             f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to"
@@ -178,6 +176,13 @@ def numbers_of(
     return tuple(float(number) for number in numbers)
 
 
+def are_shares(values: Any, count: int) -> bool:
+    """Return whether numbers are `count` shares: not negative, and adding up to 1."""
+    shares = np.asarray(values, dtype=float)
+    whole = shares.shape == (count,) and abs(float(shares.sum()) - 1) <= 1e-9
+    return whole and bool((shares >= 0).all())
+
+
 def unmasked(value: Any) -> np.ndarray:
     """Return an array. Masked entries become NaN, because the value below a mask is unknown."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
@@ -185,7 +190,13 @@ def unmasked(value: Any) -> np.ndarray:
     return np.asarray(value)
 
 
-def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+def read_array(
+    what: str,
+    value: Any,
+    shape: tuple[int, ...],
+    allowed: str,
+    error: type[ErgoqpError] = InputError,
+) -> np.ndarray:
     """Return finite numbers as an array of a shape.
 
     Args:
@@ -193,9 +204,10 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
         value: the value, of any type.
         shape: required shape.
         allowed: what is allowed, in words.
+        error: type of the error to raise.
 
     Raises:
-        InputError: if the value is not an array of finite numbers of that shape.
+        ErgoqpError: `error`, if the value is not an array of finite numbers of that shape.
     """
     if type(value) is np.ndarray:  # nothing of a user's runs, so no error is caught
         array = value
@@ -211,7 +223,7 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
             return numbers
         if array.size > _FEW:
             found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
-    raise InputError(f"{what}: got {found or shown(value)}, allowed {allowed}")
+    raise error(f"{what}: got {found or shown(value)}, allowed {allowed}")
 
 
 @dataclass(frozen=True)
@@ -418,18 +430,20 @@ def sentences(what: str, values: Any) -> tuple[str, ...]:
     return texts
 
 
-def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
+def as_tuple(
+    what: str, values: Iterable[Any], error: type[ErgoqpError] = InputError
+) -> tuple[Any, ...]:
     """Return the entries of an iterable as a tuple. Strings and mappings are not accepted.
 
     Raises:
-        InputError: if it is not an iterable, or a string or a mapping.
+        ErgoqpError: `error`, if it is not an iterable, or a string or a mapping.
     """
     try:
         if not isinstance(values, (str, bytes, Mapping)):
             return tuple(values)
     except TypeError:
         pass
-    raise InputError(f"{what}: got {shown(values)}, allowed a list")
+    raise error(f"{what}: got {shown(values)}, allowed a list")
 
 
 def _is_real(value: Any) -> bool:

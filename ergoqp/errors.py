@@ -141,6 +141,11 @@ class ModelError(ErgoqpError):
     """
 
 
+def last_line(error: BaseException) -> str:
+    """Return the last line of an error, which says most of those of CasADi; else its type."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[-1]
+
+
 def in_words(error: BaseException) -> str:
     """Return an exception that user code raised in a few words: its type and its message."""
     return f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, cached_property
+from itertools import accumulate
 from typing import Any, TypeVar, cast
 
 import casadi as ca
@@ -59,7 +60,7 @@ def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]
 
 
 def call_by_name(
-    function: ca.Function, known: Mapping[str, Any], written: bool = False
+    function: ca.Function, known: Mapping[str, Any], written: bool = False, **more: Any
 ) -> dict[str, ca.MX]:
     """Return the outputs of a function by name, for inputs by name.
 
@@ -67,8 +68,9 @@ def call_by_name(
         function: function with named inputs and outputs.
         known: values by name, among them its inputs.
         written: inline a function of matrices, see `written_out`.
+        more: values of further inputs, which come before those of `known`.
     """
-    given = [known[name] for name in function.name_in()]
+    given = [more[name] if name in more else known[name] for name in function.name_in()]
     found: Any = written_out(function, *given) if written else function.call(given)
     return dict(zip(function.name_out(), found, strict=True))
 
@@ -308,10 +310,10 @@ class Evaluator:
     def __init__(self, function: ca.Function) -> None:
         """Allocate the arrays."""
         self._function = function
-        self.places = _consecutive(function.name_in(), function.nnz_in)
+        self.places = slices({n: function.nnz_in(i) for i, n in enumerate(function.name_in())})
         self.given = np.zeros(function.nnz_in())
         self.inputs = {name: self.given[part] for name, part in self.places.items()}
-        self.slices = _consecutive(function.name_out(), function.nnz_out)
+        self.slices = slices({n: function.nnz_out(i) for i, n in enumerate(function.name_out())})
         self.results = np.zeros(function.nnz_out())
         self.outputs = {name: self.results[part] for name, part in self.slices.items()}
         self._buffer, self.evaluate = _bound(function, self.inputs.values(), self.outputs.values())
@@ -341,13 +343,10 @@ class Evaluator:
         return [self._function.size_out(i) for i in range(self._function.n_out())]
 
 
-def _consecutive(names: Iterable[str], count: Callable[[int], int]) -> dict[str, slice]:
-    """Return the slices of named parts that follow each other."""
-    parts, end = {}, 0
-    for i, name in enumerate(names):
-        begin, end = end, end + count(i)
-        parts[name] = slice(begin, end)
-    return parts
+def slices(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Return the slices of named parts that follow each other, from the size of each."""
+    ends = zip(sizes.items(), accumulate(sizes.values()), strict=True)
+    return {name: slice(end - size, end) for (name, size), end in ends}
 
 
 def evaluated_once(function: ca.Function, given: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.coordinates import Coordinates
-from ergoqp.learning.model_file import save_model
+from ergoqp.learning.model_file import Arrays, Settings, save_model
 
 
 @runtime_checkable
@@ -152,11 +152,7 @@ class LearnedCost(ABC):
     @classmethod
     @abstractmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
 

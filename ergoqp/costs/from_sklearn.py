@@ -17,9 +17,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.svr import Reduction
+from ergoqp.costs.svr import Reduction, read_reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
@@ -93,11 +93,7 @@ class SklearnCost(LearnedCost):
 
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression."""
-        return (
-            self.model.slope(x)
-            if isinstance(self.model, KernelSum)
-            else ca.gradient(self.value(x), x)
-        )
+        return self.model.slope(x) if isinstance(self.model, KernelSum) else super().slope(x)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
@@ -108,18 +104,12 @@ class SklearnCost(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         form = KernelSum if settings["form"] == "kernels" else Layers
-        reduction = settings["reduction"]
-        if reduction is not None:
-            reduction = Reduction(**reduction)
-        return cls(form.from_parts(settings, arrays), coordinates, minimum, reduction)
+        model = form.from_parts(settings, arrays)
+        return cls(model, coordinates, minimum, read_reduction(settings))
 
 
 class Layers:
@@ -142,10 +132,8 @@ class Layers:
         scale: Array,
     ) -> None:
         """Keep the layers."""
-        self.weights, self.biases = (
-            [np.asarray(w, float) for w in weights],
-            [np.asarray(b, float) for b in biases],
-        )
+        self.weights = [np.asarray(w, float) for w in weights]
+        self.biases = [np.asarray(b, float) for b in biases]
         self.activation, self.mean, self.scale = activation, mean, scale
 
     def values(self, points: Array) -> Array:
@@ -164,10 +152,8 @@ class Layers:
 
     def scaled(self, factor: float, offset: float) -> Layers:
         """Return the network whose output is `factor` times this one's, plus `offset`."""
-        weights, biases = (
-            [*self.weights[:-1], factor * self.weights[-1]],
-            [*self.biases[:-1], factor * self.biases[-1] + offset],
-        )
+        weights = [*self.weights[:-1], factor * self.weights[-1]]
+        biases = [*self.biases[:-1], factor * self.biases[-1] + offset]
         return Layers(weights, biases, self.activation, self.mean, self.scale)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -250,9 +236,8 @@ def _target(scaler: Any) -> tuple[float, float]:
 
 def _svr(svr: Any, mean: Array, scale: Array) -> KernelSum:
     weights = dense(svr.dual_coef_).ravel()
-    kernel = _kernel(
-        svr.kernel, svr._gamma, svr.coef0, svr.degree
-    )  # the value that "scale" stands for has no public name
+    # The gamma that "scale" stands for has no public name.
+    kernel = _kernel(svr.kernel, svr._gamma, svr.coef0, svr.degree)
     return _sum(kernel, dense(svr.support_vectors_), weights, float(svr.intercept_[0]), mean, scale)
 
 
@@ -278,14 +263,10 @@ def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
             "estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one"
         )
     factor, kernel, lengths = _covariance(process.kernel_)
-    spread, offset = (
-        float(np.ravel(process._y_train_std)[0]),
-        float(np.ravel(process._y_train_mean)[0]),
-    )
-    weights = factor * spread * _single(process.alpha_)
-    return KernelSum(
-        kernel, dense(process.X_train_) / lengths, weights, offset, mean, scale * lengths
-    )
+    spread = float(np.ravel(process._y_train_std)[0])
+    offset = float(np.ravel(process._y_train_mean)[0])
+    weights, centres = factor * spread * _single(process.alpha_), dense(process.X_train_) / lengths
+    return KernelSum(kernel, centres, weights, offset, mean, scale * lengths)
 
 
 def _network(mlp: Any, mean: Array, scale: Array) -> Layers:
@@ -337,11 +318,8 @@ def _covariance(kernel: Any) -> tuple[float, Kernel, Array]:
         name = "matern32" if kernel.nu == 1.5 else "matern52"
         return 1.0, Kernel(name, 1.0), np.atleast_1d(np.asarray(kernel.length_scale, dtype=float))
     elif kind == "RationalQuadratic":
-        return (
-            1.0,
-            Kernel("rational", 0.5, alpha=float(kernel.alpha)),
-            np.atleast_1d(float(kernel.length_scale)),
-        )
+        rational = Kernel("rational", 0.5, alpha=float(kernel.alpha))
+        return 1.0, rational, np.atleast_1d(float(kernel.length_scale))
     raise ModelError(
         f"GaussianProcessRegressor: got the kernel {kernel}, allowed a constant times RBF, Matern"
         " (nu 1.5 or 2.5) or RationalQuadratic, with or without WhiteKernel"

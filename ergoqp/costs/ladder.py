@@ -30,7 +30,7 @@ not the direction.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final, Self
 
@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind, check_number
-from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 from ergoqp.learning.one_class import OneClass
@@ -60,6 +60,10 @@ _CURVES: Final = (0.0, *np.geomspace(0.03, 3, 11).tolist())
 
 _EDGE: Final = float(np.log(9))
 """With this offset a rung counts as a tenth at its edge."""
+
+
+_RUNG_ARRAYS: Final = ("mean", "scale", "centres", "weights")
+"""The arrays of a rung in a file, each with the number of the rung."""
 
 
 class OneClassLadder(LearnedCost):
@@ -134,12 +138,10 @@ class OneClassLadder(LearnedCost):
         self.steepness, self.pull = float(steepness), float(pull)
         if not 0 <= curve < np.inf:
             raise ModelError(f"ladder: got curve {curve!r}, allowed a number of at least 0")
-        self.reach, self.offset, self.height, self.curve = (
-            float(reach),
-            float(offset),
-            float(height),
-            float(curve),
-        )
+        self.reach = float(reach)
+        self.offset = float(offset)
+        self.height = float(height)
+        self.curve = float(curve)
 
     @classmethod
     def fit(
@@ -201,9 +203,7 @@ class OneClassLadder(LearnedCost):
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d)."""
         below = self._below(points)
-        return self.offset + self.height * (
-            np.log1p(self.curve * below) / self.curve if self.curve else below
-        )
+        return self.offset + self.height * _bent(below, self.curve)
 
     def _below(self, points: Array) -> Array:
         """Return r (n,): the rungs that are still below, in points."""
@@ -243,48 +243,34 @@ class OneClassLadder(LearnedCost):
             below += height * (
                 (1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.reach * _softplus(z)
             )
-        value = self.offset + self.height * (
-            ca.log1p(self.curve * below) / self.curve if self.curve else below
-        )
+        bent = ca.log1p(self.curve * below) / self.curve if self.curve else below
+        value = self.offset + self.height * bent
         return ca.Function("weighed", [margins], ca.cse([value, ca.gradient(value, margins)]))
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
+        fitted = {name: getattr(self, name) for name in ("reach", "offset", "height", "curve")}
         settings = {
             "scores": self.scores.tolist(),
             "steepness": self.steepness,
             "pull": self.pull,
-            "fitted": {
-                name: getattr(self, name) for name in ("reach", "offset", "height", "curve")
-            },
+            "fitted": fitted,
             "gammas": [rung.gamma for rung in self.rungs],
             "log_rhos": [rung.log_rho for rung in self.rungs],
         }
-        arrays = {}
-        for number, rung in enumerate(self.rungs):
-            for name in ("mean", "scale", "centres", "weights"):
-                arrays[f"{name}{number}"] = getattr(rung, name)
-        return settings, arrays
+        numbered = [(name, i) for i in range(len(self.rungs)) for name in _RUNG_ARRAYS]
+        return settings, {f"{name}{i}": getattr(self.rungs[i], name) for name, i in numbered}
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         rungs = []
-        for number, (gamma, log_rho) in enumerate(
-            zip(settings["gammas"], settings["log_rhos"], strict=True)
-        ):
-            mean, scale, centres, weights = (
-                arrays[f"{name}{number}"] for name in ("mean", "scale", "centres", "weights")
-            )
-            rungs.append(
-                OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho)))
-            )
+        laws = zip(settings["gammas"], settings["log_rhos"], strict=True)
+        for i, (gamma, log_rho) in enumerate(laws):
+            own = {name: arrays[f"{name}{i}"] for name in _RUNG_ARRAYS}
+            rungs.append(OneClass(coordinates, gamma, rho=float(np.exp(log_rho)), **own))
         terms = settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"]
         return cls(rungs, *terms, **settings["fitted"])
 
@@ -293,12 +279,16 @@ def _calibrated(below: Array, labels: Array) -> dict[str, float]:
     """Return the curve, height and offset that fit the labels best in the least-squares sense."""
     best, least = {}, np.inf
     for curve in _CURVES:
-        bent = np.log1p(curve * below) / curve if curve else below
+        bent = _bent(below, curve)
         height, offset = np.polyfit(bent, labels, 1)
         error = float(np.mean((offset + height * bent - labels) ** 2))
         if error < least:
             best, least = {"curve": curve, "height": float(height), "offset": float(offset)}, error
     return best
+
+
+def _bent(below: Array, curve: float) -> Array:
+    return np.log1p(curve * below) / curve if curve else below
 
 
 def _rung(data: DataSet, nu: float, gammas: Sequence[float]) -> OneClass:

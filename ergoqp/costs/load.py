@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
-from ergoqp.errors import InputError, ModelError
+from ergoqp.errors import InputError, ModelError, last_line
 from ergoqp.expressions import Evaluator
 from ergoqp.learning.model_file import load_model
 
@@ -62,9 +62,8 @@ def load_cost(path: Path | str) -> LearnedCost:
         make = getattr(import_module(module), name).from_parts
         cost = make(header["settings"], arrays, header["coordinates"], header["minimum"])
         # Evaluate the cost once, to find arrays that do not fit together.
-        if not np.isfinite(
-            cost(np.zeros((1, len(cost.coordinates.state))))
-        ).all() or not np.isfinite(cost.minimum):
+        value = cost(np.zeros((1, len(cost.coordinates.state))))
+        if not np.isfinite([*value, cost.minimum]).all():
             raise ValueError("its value is not a number")
         return cost
     except (
@@ -78,12 +77,8 @@ def load_cost(path: Path | str) -> LearnedCost:
     ) as error:
         raise ModelError(
             f"{Path(path).name}: does not hold what a model of kind {kind!r} needs"
-            f" ({_last_line(error)})"
+            f" ({last_line(error)})"
         ) from None
-
-
-def _last_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[-1]
 
 
 @dataclass(frozen=True)
@@ -127,14 +122,9 @@ def quality_of(values: NDArray[np.float64], scores: NDArray) -> Quality:
         (0.57, 0.67, 1.0)
     """
     error, off = np.abs(values - scores), np.abs(np.round(values) - scores)
+    exact, within1 = float((off == 0).mean()), float((off <= 1).mean())
     rank = spearman(values, scores)
-    return Quality(
-        float(error.mean()),
-        float((off == 0).mean()),
-        float((off <= 1).mean()),
-        rank,
-        float(error.max()),
-    )
+    return Quality(float(error.mean()), exact, within1, rank, float(error.max()))
 
 
 def spearman(first: NDArray, second: NDArray) -> float:

@@ -17,7 +17,7 @@ from the edges too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, islice, pairwise
 from typing import Any, Final, Self, Unpack
 
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import MOST_WHOLE, check_kind, check_number, check_whole, shown
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_stream
 from ergoqp.errors import ModelError
@@ -493,11 +493,7 @@ class Neural(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Self
 
 import casadi as ca
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind
-from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import MissingExtraError, ModelError
 
@@ -114,11 +114,7 @@ class Quadratic(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         return cls(

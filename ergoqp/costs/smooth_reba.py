@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import are_shares, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
@@ -253,9 +253,9 @@ class SmoothReba:
         q = ca.SX.sym("q", len(JOINTS))
         self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, self.task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
-        self._q, self._value = (
-            q,
-            sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)),
+        self._q = q
+        self._value = sum(
+            (w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)
         )
         self.minimum = reading.lowest()
         self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
@@ -377,21 +377,11 @@ class _Reading:
 def _mixture(
     taus_deg: Sequence[float], weights: Sequence[float]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    taus, shares = (
-        np.atleast_1d(np.asarray(taus_deg, float)),
-        np.atleast_1d(np.asarray(weights, float)),
-    )
-    if (
-        taus.ndim != 1
-        or not taus.size
-        or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all()
-    ):
+    taus = np.atleast_1d(np.asarray(taus_deg, float))
+    shares = np.atleast_1d(np.asarray(weights, float))
+    if taus.ndim != 1 or not taus.size or not ((taus >= 1e-3) & (taus <= 180)).all():
         raise InputError(f"taus_deg: got {shown(taus_deg)}, allowed: scales from 0.001 to 180 deg")
-    if (
-        shares.shape != taus.shape
-        or not (shares >= 0).all()
-        or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9)
-    ):
+    if not are_shares(shares, taus.size):
         raise InputError(
             f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative,"
             " adding up to 1"

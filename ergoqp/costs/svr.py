@@ -18,7 +18,7 @@ which features are left out because they do not matter.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal, Protocol, Self, TypeVar, get_args, runtime_checkable
 
@@ -37,7 +37,7 @@ from ergoqp.arguments import (
     part_of,
     unseen,
 )
-from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Columns, Kernel, KernelSum, Steps, features_from
@@ -89,6 +89,12 @@ class Reduction:
             f"{self.centres} of {self.of} kernels ({self.method}): "
             f"{self.rms:.3g} points rms, {self.largest:.3g} at most, on {self.points} points"
         )
+
+
+def read_reduction(settings: Settings) -> Reduction | None:
+    """Return the reduction in the settings of a cost, if there is one."""
+    found = settings["reduction"]
+    return None if found is None else Reduction(**found)
 
 
 @runtime_checkable
@@ -385,21 +391,12 @@ class Svr(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
-        reduction = settings["reduction"]
-        if reduction is not None:
-            reduction = Reduction(**reduction)
-        features, model = (
-            features_from(settings["features"], arrays),
-            KernelSum.from_parts(settings, arrays),
-        )
-        return cls(features, model, coordinates, minimum, reduction)
+        features = features_from(settings["features"], arrays)
+        model = KernelSum.from_parts(settings, arrays)
+        return cls(features, model, coordinates, minimum, read_reduction(settings))
 
 
 def _candidates(

@@ -52,10 +52,8 @@ class DataSet:
         Raises:
             ModelError: if not; the message names the row or the shape.
         """
-        points, labels = (
-            table_of_numbers("points", self.points, ModelError),
-            table_of_numbers("labels", self.labels, ModelError),
-        )
+        points = table_of_numbers("points", self.points, ModelError)
+        labels = table_of_numbers("labels", self.labels, ModelError)
         names = names_of("coordinates", self.coordinates, "a list of names", ModelError)
         object.__setattr__(self, "coordinates", names)
         width = len(Coordinates(names))
@@ -161,16 +159,12 @@ def read_data(path: Path | str) -> DataSet:
         raise ModelError(
             f"{path.name}: got {header.count(SCORE)} columns named {SCORE!r}, allowed exactly one"
         )
-    numbers = np.array(
-        [_numbers(path, i, row, len(header)) for i, row in enumerate(rows[1:], start=2)]
-    )
+    lines = enumerate(rows[1:], start=2)
+    numbers = np.array([_numbers(path, line, row, len(header)) for line, row in lines])
     at = header.index(SCORE)
     points = np.delete(numbers, at, axis=1) * np.array([scale for _, scale in columns])
-    beyond = (
-        np.flatnonzero((np.abs(points) > np.pi).any(axis=1))
-        if columns[0][0] in INDEX
-        else np.array([])
-    )
+    of_joints = columns[0][0] in INDEX
+    beyond = np.flatnonzero((np.abs(points) > np.pi).any(axis=1) & of_joints)
     if beyond.size:
         line = beyond[0] + 2
         raise ModelError(
@@ -234,17 +228,10 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
     kept = entry.read(("points", "labels", "coordinates", "source"))
     if kept is not None:
         with contextlib.suppress(ErgoqpError, ValueError, TypeError):
-            return DataSet(
-                kept["points"],
-                kept["labels"],
-                tuple(kept["coordinates"].tolist()),
-                str(kept["source"]),
-            )
+            names = tuple(kept["coordinates"].tolist())
+            return DataSet(kept["points"], kept["labels"], names, str(kept["source"]))
     data = make()
     entry.write(
-        points=data.points,
-        labels=data.labels,
-        coordinates=data.coordinates,
-        source=data.source,
+        points=data.points, labels=data.labels, coordinates=data.coordinates, source=data.source
     )
     return data

@@ -97,10 +97,9 @@ def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
 
     See :mod:`ergoqp.sheets.interval`.
     """
-    sheet = interval_sheet()
-    return BalancedSampler(
-        sheet, read_task(sheet, None, {}), "segments", FINAL_MAX, *interval_ranges(), joints
-    )
+    sheet, ranges = interval_sheet(), interval_ranges()
+    task = read_task(sheet, None, {})
+    return BalancedSampler(sheet, task, "segments", FINAL_MAX, *ranges, joints)
 
 
 class BalancedSampler:
@@ -213,10 +212,8 @@ class _Law:
         cells = np.flatnonzero((self.final == score) & (self.chance > 0))
         if not len(cells):
             reachable = sorted(set(self.final[self.chance > 0].tolist()))
-            raise InputError(
-                f"scores: got {score}, allowed under these options:"
-                f" {', '.join(map(str, reachable))}"
-            )
+            known = ", ".join(map(str, reachable))
+            raise InputError(f"scores: got {score}, allowed under these options: {known}")
         cumulative = np.cumsum(self.chance[cells])
         return cells[
             np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")
@@ -241,16 +238,13 @@ def _law(
     marginals = [b.count / b.count.sum() for b in bands]
     grid = np.meshgrid(*(np.arange(1, len(b.count), dtype=np.int8) for b in bands), indexing="ij")
     scores = [axis.ravel() for axis in grid]
-    chance = np.prod(
-        [marginal[score] for marginal, score in zip(marginals, scores, strict=True)], axis=0
-    )
+    pairs = zip(marginals, scores, strict=True)
+    chance = np.prod([marginal[score] for marginal, score in pairs], axis=0)
     a, right, left = scores[:3], scores[3:6], scores[6:]
     if arms == "whole":
         table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
     else:
-        table_b = look_up(
-            sheet, "B", *(np.maximum(r, other) for r, other in zip(right, left, strict=True))
-        )
+        table_b = look_up(sheet, "B", *map(np.maximum, right, left))
     final = score_final(sheet, look_up(sheet, "A", *a), table_b, task.points, final_max)
     return _Law(bands, np.stack(scores, axis=1), chance, final)
 
@@ -362,20 +356,14 @@ def posture_data(
         wanted = f"{per_score} postures of each score {', '.join(map(str, scores))}"
         options = "".join(f", {name} {value}" for name, value in task.items())
         source = f"{labels}: {wanted}, {len(coordinates)} joints, seed {seed}{options}"
-        return DataSet(
-            np.concatenate(points), np.concatenate(found).astype(float), coordinates.names, source
-        )
+        labels_found = np.concatenate(found).astype(float)
+        return DataSet(np.concatenate(points), labels_found, coordinates.names, source)
 
     if not cache:
         return make()
-    asked = {
-        "version": _VERSION,
-        "rules": rules,
-        "per_score": per_score,
-        "seed": seed,
-        "scores": list(scores),
-    }
-    data = cached_data("postures", {**asked, "joints": coordinates.names, "task": task}, make)
+    asked = {"version": _VERSION, "rules": rules, "per_score": per_score, "seed": seed}
+    asked |= {"scores": list(scores), "joints": coordinates.names, "task": task}
+    data = cached_data("postures", asked, make)
     if progress is not None:
         progress(1.0)
     return data
@@ -422,12 +410,8 @@ def _sampler(
     """Return the sampler, and all properties of the rules that its postures depend on."""
     if labels == "sheet":
         method = read_method(method)
-        rules = {
-            "sheet": load_description("reba"),
-            "method": asdict(method),
-            "ranges": [LOWER, UPPER],
-        }
-        return sheet_sampler(method, joints, **task), rules
+        rules = {"sheet": load_description("reba"), "method": asdict(method)}
+        return sheet_sampler(method, joints, **task), rules | {"ranges": [LOWER, UPPER]}
     if labels != "interval":
         raise InputError(f"labels: got {labels!r}, allowed {', '.join(map(repr, LABELS))}")
     if method is not None or task:
@@ -435,11 +419,8 @@ def _sampler(
             f"labels: got 'interval' with {', '.join(task) or 'method'}, allowed without: these"
             " rules have none"
         )
-    rules = {
-        "sheet": [load_description("reba"), load_description("interval")],
-        "ranges": [LOWER, UPPER],
-    }
-    return interval_sampler(joints), rules
+    sheets = [load_description("reba"), load_description("interval")]
+    return interval_sampler(joints), {"sheet": sheets, "ranges": [LOWER, UPPER]}
 
 
 def posture_stream(
@@ -507,7 +488,6 @@ def posture_stream(
             seen = points + tau * rng.logistic(scale=0.5, size=points.shape)
             # Noise may exceed +-180 deg. The outer bands of the sheet continue there, but such
             # angles would be rejected as degrees.
-            labels = reba.assess(
-                coordinates.spread(np.clip(seen, -np.pi, np.pi)), method, **task
-            ).final
+            spread = coordinates.spread(np.clip(seen, -np.pi, np.pi))
+            labels = reba.assess(spread, method, **task).final
         yield points, labels

@@ -57,11 +57,7 @@ def input_fields(problem: Problem) -> list[Field]:
         Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
         Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
         Field("pose", 16, f"measured {_posed(problem)}, row-major 4 x 4 [m]; read if has_pose"),
-        Field(
-            "twist",
-            6,
-            "motion of the robot in the last period [m/s, rad/s]; read if has_twist",
-        ),
+        Field("twist", 6, "motion of the robot in the last period [m/s, rad/s]; read if has_twist"),
         Field(
             "dt",
             1,
@@ -81,11 +77,9 @@ def input_fields(problem: Problem) -> list[Field]:
 
 def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
     """Return the members of the output of a step."""
-    n, rows, unit = (
-        len(problem.coordinates),
-        len(problem.row_names),
-        _unit(problem).replace("]", "/s]"),
-    )
+    n = len(problem.coordinates)
+    rows = len(problem.row_names)
+    unit = _unit(problem).replace("]", "/s]")
     fields = [
         Field(
             "twist",

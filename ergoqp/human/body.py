@@ -84,6 +84,8 @@ MASS_RANGE: Final = (20.0, 300.0)
 BELIEVABLE: Final = (0.6, 1.6)
 """Shortest and longest allowed segment, as a multiple of one of average proportions."""
 
+_LENGTHS: Final = "a table of segments, each with its length [m]"
+
 # Scales of the x, y and z offsets of everything that is attached to a body of the model.
 _SCALED_BY: Final[dict[str, tuple[str, str, str]]] = {
     "pelvis": ("girth", "hip_width", "girth"),
@@ -135,12 +137,7 @@ class Body:
             # Show few digits in the message: a stature from measured lengths has many.
             check_number("stature", round(self.stature, 3), low, high, "m")
         check_number("stature", self.stature, low, high, "m")
-        check_kind(
-            "segment lengths",
-            self.lengths,
-            Mapping,
-            "a table of segments, each with its length [m]",
-        )
+        check_kind("segment lengths", self.lengths, Mapping, _LENGTHS)
         if unknown := [name for name in self.lengths if name not in FRACTIONS]:
             raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
         filled = {name: fraction * self.stature for name, fraction in FRACTIONS.items()}
@@ -193,9 +190,7 @@ class Body:
         Raises:
             InputError: if a name is unknown, or a length is not possible for a person.
         """
-        check_kind(
-            "segment lengths", lengths, Mapping, "a table of segments, each with its length [m]"
-        )
+        check_kind("segment lengths", lengths, Mapping, _LENGTHS)
         if not lengths or (set(lengths) - set(FRACTIONS)):
             raise InputError(
                 f"segment lengths: got {shown(list(lengths))}, allowed a non-empty part of"

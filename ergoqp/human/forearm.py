@@ -80,10 +80,8 @@ class Arm:
         )
         abduction, shoulder = np.arctan2(-dy, np.hypot(dx, dz)), np.arctan2(dx, -dz)
         trunk = _twice(flexion), _twice(bend), _twice(twist)
-        shoulder, abduction = (
-            np.hstack([shoulder, _wrap(shoulder + np.pi)]),
-            np.hstack([abduction, np.pi - abduction]),
-        )
+        shoulder = np.hstack([shoulder, _wrap(shoulder + np.pi)])
+        abduction = np.hstack([abduction, np.pi - abduction])
         return np.stack(
             [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
         ), _twice(missing)
@@ -143,12 +141,10 @@ class Arm:
         gx, gy, gz = _into_trunk(*trunk, *forearm)
         # Into the frame of the upper arm before its own rotation: back by the flexion (about
         # -y), then by the abduction (about -x).
-        sin_f, cos_f, sin_a, cos_a = (
-            np.sin(shoulder),
-            np.cos(shoulder),
-            np.sin(abduction),
-            np.cos(abduction),
-        )
+        sin_f = np.sin(shoulder)
+        cos_f = np.cos(shoulder)
+        sin_a = np.sin(abduction)
+        cos_a = np.cos(abduction)
         gx, gz = cos_f * gx + sin_f * gz, cos_f * gz - sin_f * gx
         gy, gz = cos_a * gy - sin_a * gz, sin_a * gy + cos_a * gz
         away = np.hypot(gx, gy)

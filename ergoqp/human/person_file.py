@@ -81,32 +81,27 @@ def person_with_markers(person: float | str | Path) -> tuple[Body, dict[str, Mar
             " tables lengths and markers"
         )
     try:
-        return _body(path, entries), _markers(path, entries.get("markers", {}))
+        return _body(entries), _markers(entries.get("markers", {}))
     except InputError as error:
-        where = f"person file {path.name}: "
-        raise InputError(where + str(error).removeprefix(where)) from None
+        raise InputError(f"person file {path.name}: {error}") from None
 
 
-def _body(path: Path, entries: Mapping[str, Any]) -> Body:
+def _body(entries: Mapping[str, Any]) -> Body:
     """Return the body that a file describes."""
     lengths = entries.get("lengths", {})
     if not isinstance(lengths, dict):
         raise InputError(
-            f"person file {path.name}: lengths is {shown(lengths)}, allowed a table of segments,"
-            " each with its length in m"
+            f"lengths is {shown(lengths)}, allowed a table of segments, each with its length in m"
         )
     if not (lengths or "stature" in entries):
-        raise InputError(
-            f"person file {path.name}: got neither, required are a stature in m, a table lengths in"
-            " m, or both"
-        )
-    measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
-    mass = _number(path, "mass", entries.get("mass", 0.0))
+        raise InputError("got neither, required are a stature in m, a table lengths in m, or both")
+    measured = {name: _number(f"lengths.{name}", value) for name, value in lengths.items()}
+    mass = _number("mass", entries.get("mass", 0.0))
     if "mass" in entries:
         # `Body` takes 0 for a mass that is not given, so check it here.
         check_number("mass", mass, *MASS_RANGE, "kg")
     if "stature" in entries:
-        stature = Body.of_stature(_number(path, "stature", entries["stature"])).stature
+        stature = Body.of_stature(_number("stature", entries["stature"])).stature
     else:
         stature = Body.of_lengths(measured, mass).stature
     for name, length in measured.items():
@@ -119,29 +114,25 @@ def _body(path: Path, entries: Mapping[str, Any]) -> Body:
     return Body(stature, measured, mass)
 
 
-def _markers(path: Path, table: Any) -> dict[str, Marker]:
+def _markers(table: Any) -> dict[str, Marker]:
     """Return the positions of a person's markers from the table of a file."""
-    where, found = f"person file {path.name}: markers", {}
+    found = {}
     if not isinstance(table, dict):
-        raise InputError(f"{where} is {table!r:.40}, allowed a table for each marker")
+        raise InputError(f"markers is {table!r:.40}, allowed a table for each marker")
     for name, entry in table.items():
+        where = f"markers.{name}"
         if not isinstance(entry, dict) or set(entry) - {"frame", "offset", "residual"}:
             raise InputError(
-                f"{where}.{name} is {entry!r:.40}, allowed a table of frame, offset and residual"
+                f"{where} is {entry!r:.40}, allowed a table of frame, offset and residual"
             )
         frame, offset = entry.get("frame"), entry.get("offset")
         if frame not in FRAMES:
-            raise InputError(
-                f"{where}.{name}.frame is {frame!r:.40}, allowed one of {', '.join(FRAMES)}"
-            )
+            known = ", ".join(FRAMES)
+            raise InputError(f"{where}.frame is {frame!r:.40}, allowed one of {known}")
         if not isinstance(offset, list) or len(offset) != 3:
-            raise InputError(f"{where}.{name}.offset is {offset!r:.40}, allowed three lengths in m")
-        x, y, z = (
-            _number(path, f"markers.{name}.offset", each, -_FARTHEST, _FARTHEST) for each in offset
-        )
-        residual = _number(
-            path, f"markers.{name}.residual", entry.get("residual", 0.0), 0.0, math.inf
-        )
+            raise InputError(f"{where}.offset is {offset!r:.40}, allowed three lengths in m")
+        x, y, z = (_number(f"{where}.offset", each, -_FARTHEST, _FARTHEST) for each in offset)
+        residual = _number(f"{where}.residual", entry.get("residual", 0.0), 0.0, math.inf)
         found[name] = Marker(frame, (x, y, z), residual)
     return found
 
@@ -202,20 +193,13 @@ def _printable(text: str) -> str:
     return _CONTROLS.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
 
 
-def _number(
-    path: Path, name: str, value: Any, low: float = -math.inf, high: float = math.inf
-) -> float:
-    number = (
-        _float(value)
-        if isinstance(value, int | float) and not isinstance(value, bool)
-        else math.nan
-    )
+def _number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
+    real = isinstance(value, int | float) and not isinstance(value, bool)
+    number = _float(value) if real else math.nan
     if not math.isfinite(number) or not low <= number <= high:
         above = f" from {low:g}" if math.isfinite(low) else ""
         below = f" to {high:g}" if math.isfinite(high) else ""
-        raise InputError(
-            f"person file {path.name}: {name} is {value!r:.40}, allowed a number{above}{below}"
-        )
+        raise InputError(f"{name} is {value!r:.40}, allowed a number{above}{below}")
     return number
 
 

@@ -26,7 +26,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Evaluator
+from ergoqp.expressions import Evaluator, slices
 from ergoqp.human import Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
@@ -72,13 +72,10 @@ class Layout:
     @cached_property
     def parts(self) -> dict[str, slice]:
         """Slices of weights (log), comfort [rad], lengths (shares), seat [m] and bias [rad]."""
-        n, found, end = len(self.joints), {}, 0
+        n = len(self.joints)
         seats = int(self.response.stance == "seated")
         sizes = {"weights": n, "comfort": n, "lengths": len(LENGTHS), "seat": seats, "bias": n}
-        for name, size in sizes.items():
-            found[name] = slice(end, end + size)
-            end += size
-        return found
+        return slices(sizes)
 
     @cached_property
     def sd(self) -> np.ndarray:
@@ -150,9 +147,7 @@ class RestEnergy:
             posture, sx["grasp"], sx["soles"], pose[:3, 3], pose[:3, :3], relaxation=ca.SX(0)
         )
         kinematics = Kinematics(response.body, sx["growth"])
-        seat = None
-        if response.stance == "seated":
-            seat = response.seat + sx["seat"]
+        seat = response.seat + sx["seat"] if response.stance == "seated" else None
         holding = Holding(response, place, posture, pelvis, kinematics, seat)
         rows = [ca.sqrt(sx["weights"]) * (angles - sx["comfort"])]
         for error in holding.errors:
@@ -176,20 +171,15 @@ class RestEnergy:
     def slope(self) -> Evaluator:
         """``(z, ...) -> residual (m,), by_z (m, k)``."""
         residual, _, _ = self._residuals
-        by_z = ca.densify(ca.jacobian(residual, self._symbols["z"]))
+        by_z = ca.jacobian(residual, self._symbols["z"])
         return self._evaluator("slope", {"residual": residual, "by_z": by_z})
 
     @cached_property
     def by_lengths(self) -> Evaluator:
         """``(z, ...) -> by_growth (m, 14), by_seat (m, 1)``."""
         residual, _, _ = self._residuals
-        return self._evaluator(
-            "by_lengths",
-            {
-                "by_growth": ca.densify(ca.jacobian(residual, self._symbols["growth"])),
-                "by_seat": ca.densify(ca.jacobian(residual, self._symbols["seat"])),
-            },
-        )
+        by = {f"by_{n}": ca.jacobian(residual, self._symbols[n]) for n in ("growth", "seat")}
+        return self._evaluator("by_lengths", by)
 
     @cached_property
     def whole(self) -> Evaluator:
@@ -198,15 +188,8 @@ class RestEnergy:
         return self._evaluator("whole", {"whole": posture, "gap": gap})
 
     def _evaluator(self, name: str, outputs: dict[str, ca.SX]) -> Evaluator:
-        sx = self._symbols
-        function = ca.Function(
-            name,
-            list(sx.values()),
-            ca.cse([ca.densify(part) for part in outputs.values()]),
-            list(sx),
-            list(outputs),
-        )
-        return Evaluator(function)
+        sx, parts = self._symbols, ca.cse([ca.densify(part) for part in outputs.values()])
+        return Evaluator(ca.Function(name, list(sx.values()), parts, list(sx), list(outputs)))
 
 
 _LONGEST: Final = 0.3
@@ -285,7 +268,7 @@ class RestModel:
         """
         person = self._person(traits)
         slope = self._energy.slope
-        for name, value in (person | self._place(situation, pose)).items():
+        for name, value in (person | vars(situation) | {"pose": pose}).items():
             slope.inputs[name][:] = np.ravel(value, order="F")
         z, damping = begin.copy(), 1e-3
         energy, residual, by_z = self._at(z)
@@ -321,14 +304,6 @@ class RestModel:
             "comfort": self._comfort + traits[parts["comfort"]],
             "growth": self.layout.growth @ traits[parts["lengths"]],
             "seat": float(seat[0]) if seat.size else 0.0,
-        }
-
-    def _place(self, situation: Situation, pose: np.ndarray) -> dict[str, np.ndarray]:
-        return {
-            "posture": situation.posture,
-            "grasp": situation.grasp,
-            "soles": situation.soles,
-            "pose": pose,
         }
 
     def _at(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ sigmoid   tanh(gamma p + offset)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -31,6 +31,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import are_shares
 from ergoqp.errors import ModelError
 from ergoqp.learning.pipelines import sklearn
 
@@ -124,6 +125,10 @@ class Kernel:
                 return value, gamma * (1 - value * value)
 
 
+_SUM_ARRAYS: Final = ("centres", "weights", "mean", "scale")
+"""The arrays of a `KernelSum`."""
+
+
 @dataclass(frozen=True, eq=False)
 class KernelSum:
     """f(x) = sum_j w_j k((x - mean) / scale, s_j) + bias.
@@ -151,7 +156,7 @@ class KernelSum:
             ModelError: if not, or if a number is not finite; the message names the shapes or
                 the fault.
         """
-        for name in ("centres", "weights", "mean", "scale"):
+        for name in _SUM_ARRAYS:
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=float))
         object.__setattr__(self, "bias", float(self.bias))
         n, d = self.centres.shape if self.centres.ndim == 2 else (0, 0)
@@ -190,12 +195,18 @@ class KernelSum:
 
     def values(self, points: ArrayLike) -> Array:
         """Return f (n,) of inputs (n, d)."""
-        rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
+        rows = self.scaled_rows(points)
+        return self.in_chunks(rows, lambda part: self._features(part) @ self.weights) + self.bias
+
+    def scaled_rows(self, points: ArrayLike) -> Array:
+        """Return inputs (n, d) relative to `origin`, scaled."""
+        return (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
+
+    def in_chunks(self, rows: Array, evaluate: Callable[[Array], Array]) -> Array:
+        """Return the values (n,) of rows (n, d), of so many at a time that they fit in memory."""
         size = max(1, _CHUNK // len(self))
-        parts = [
-            self._features(rows[i : i + size]) @ self.weights for i in range(0, len(rows), size)
-        ]
-        return np.concatenate([*parts, np.empty(0)]) + self.bias
+        parts = [evaluate(rows[i : i + size]) for i in range(0, len(rows), size)]
+        return np.concatenate([*parts, np.empty(0)])
 
     def _features(self, rows: Array) -> Array:
         """Return the kernel of scaled rows (n, d) with each centre (n, centres)."""
@@ -211,9 +222,7 @@ class KernelSum:
 
         f is this times the weights, plus the bias.
         """
-        return self._features(
-            (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
-        )
+        return self._features(self.scaled_rows(points))
 
     @cached_property
     def _matrix(self) -> ca.MX:
@@ -295,14 +304,13 @@ class KernelSum:
 
     def parts(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """Return (settings for JSON, arrays): everything that `from_parts` needs."""
-        arrays = {name: getattr(self, name) for name in ("centres", "weights", "mean", "scale")}
+        arrays = {name: getattr(self, name) for name in _SUM_ARRAYS}
         return {"kernel": asdict(self.kernel), "bias": self.bias}, arrays
 
     @classmethod
     def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, Array]) -> KernelSum:
         """Return the sum with these `parts`."""
-        names = ("centres", "weights", "mean", "scale")
-        centres, weights, mean, scale = (arrays[name] for name in names)
+        centres, weights, mean, scale = (arrays[name] for name in _SUM_ARRAYS)
         return cls(Kernel(**settings["kernel"]), centres, weights, settings["bias"], mean, scale)
 
 
@@ -353,6 +361,10 @@ class Columns:
         return {"used": list(self.used)}, {}
 
 
+_STEP_ARRAYS: Final = ("column", "place", "height", "spread")
+"""The arrays of `Steps`, one entry for each step."""
+
+
 @dataclass(frozen=True, eq=False)
 class Steps:
     """Soft steps of some inputs: one feature for each input with steps.
@@ -380,13 +392,7 @@ class Steps:
             ModelError: if a width is not positive, or the shares do not add up to 1.
         """
         widths, shares = tuple(map(float, self.widths)), tuple(map(float, self.shares))
-        if (
-            not widths
-            or len(widths) != len(shares)
-            or min(widths) <= 0
-            or min(shares) < 0
-            or abs(sum(shares) - 1) > 1e-9
-        ):
+        if not widths or min(widths) <= 0 or not are_shares(shares, len(widths)):
             raise ModelError(
                 f"steps: got widths {widths} with shares {shares}, "
                 "allowed positive widths and as many shares, not negative, adding up to 1"
@@ -438,12 +444,8 @@ class Steps:
     def part(self, features: Sequence[int]) -> Steps:
         """Return some of the features, by number."""
         kept = np.isin(self.column, [self.used[i] for i in features])
-        arrays = {
-            "place": self.place[kept],
-            "height": self.height[kept],
-            "spread": self.spread[kept],
-        }
-        return Steps(self.column[kept], **arrays, widths=self.widths, shares=self.shares)
+        arrays = (getattr(self, name)[kept] for name in _STEP_ARRAYS)
+        return Steps(*arrays, self.widths, self.shares)
 
     @cached_property
     def _heights(self) -> Array:
@@ -469,12 +471,7 @@ class Steps:
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings for JSON, arrays): everything that `features_from` needs."""
-        arrays = {
-            "column": self.column,
-            "place": self.place,
-            "height": self.height,
-            "spread": self.spread,
-        }
+        arrays = {name: getattr(self, name) for name in _STEP_ARRAYS}
         return {"widths": list(self.widths), "shares": list(self.shares)}, arrays
 
 
@@ -484,9 +481,5 @@ def features_from(
     """Return the features with these `parts`."""
     if "used" in settings:
         return Columns(tuple(settings["used"]))
-    column, place, height, spread = (
-        arrays[name] for name in ("column", "place", "height", "spread")
-    )
-    return Steps(
-        column, place, height, spread, tuple(settings["widths"]), tuple(settings["shares"])
-    )
+    column, place, height, spread = (arrays[name] for name in _STEP_ARRAYS)
+    return Steps(column, place, height, spread, settings["widths"], settings["shares"])

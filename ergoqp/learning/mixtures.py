@@ -19,7 +19,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.arguments import are_shares
+from ergoqp.errors import ModelError
+from ergoqp.learning.pipelines import sklearn
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -51,12 +53,7 @@ class MixtureRegression:
         weights, means, covariances = (
             np.asarray(a, dtype=float) for a in (self.weights, self.means, self.covariances)
         )
-        if (
-            weights.ndim != 1
-            or not weights.size
-            or not (weights > 0).all()
-            or abs(weights.sum() - 1) > 1e-9
-        ):
+        if not (weights > 0).all() or not are_shares(weights, weights.size):
             raise ModelError(
                 f"weights: got {weights.shape} adding up to {weights.sum():g}, allowed positive"
                 " ones adding up to 1"
@@ -88,12 +85,8 @@ class MixtureRegression:
         inputs, outputs = [int(i) for i in inputs], [int(i) for i in outputs]
         width = self.means.shape[1]
         both = inputs + outputs
-        if (
-            not inputs
-            or not outputs
-            or len(set(both)) < len(both)
-            or not set(both) <= set(range(width))
-        ):
+        once = len(set(both)) == len(both) and set(both) <= set(range(width))
+        if not inputs or not outputs or not once:
             raise ModelError(
                 f"split: got inputs {inputs} and outputs {outputs}, allowed columns 0 to"
                 f" {width - 1}, each once"
@@ -108,9 +101,8 @@ class MixtureRegression:
         whitening = np.linalg.inv(factors)
         cross = self.covariances[:, outputs][:, :, inputs]  # Sigma_k^OI
         slopes = cross @ np.swapaxes(whitening, 1, 2) @ whitening
-        log_volumes = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1) + 0.5 * len(
-            inputs
-        ) * np.log(2 * np.pi)
+        log_volumes = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        log_volumes = log_volumes + 0.5 * len(inputs) * np.log(2 * np.pi)
         return Conditional(
             log_scales=np.log(self.weights) - log_volumes,
             whitening=np.asarray(np.tril(whitening), dtype=float),
@@ -174,11 +166,7 @@ class Conditional:
         temperatures, shares = tuple(map(float, temperatures)), tuple(map(float, shares))
         if not temperatures or not all(0 < t < np.inf for t in temperatures):
             raise ModelError(f"temperatures: got {temperatures}, allowed positive numbers")
-        if (
-            len(shares) != len(temperatures)
-            or not all(s >= 0 for s in shares)
-            or abs(sum(shares) - 1) > 1e-9
-        ):
+        if not are_shares(shares, len(temperatures)):
             raise ModelError(
                 f"shares: got {shares}, allowed one per temperature ({len(temperatures)}), adding"
                 " up to 1"
@@ -339,12 +327,8 @@ def estimate(
         ModelError: if a Gaussian has no width.
         MissingExtraError: if scikit-learn is not installed.
     """
-    try:
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.mixture import GaussianMixture
-    except ImportError:
-        raise MissingExtraError("fitting a Gaussian mixture", "learn", "sklearn") from None
-    estimator = GaussianMixture(
+    what = "fitting a Gaussian mixture"
+    estimator = sklearn("mixture", what).GaussianMixture(
         count,
         covariance_type=covariance,
         reg_covar=regularisation,
@@ -355,7 +339,7 @@ def estimate(
     with warnings.catch_warnings():
         # More iterations would hardly change the predictions. A start with too few clusters is
         # not a fault.
-        warnings.simplefilter("ignore", ConvergenceWarning)
+        warnings.simplefilter("ignore", sklearn("exceptions", what).ConvergenceWarning)
         # A single point gives a Gaussian too. Its variance is the regularisation.
         try:
             return estimator.fit(columns if len(columns) > 1 else np.repeat(columns, 2, axis=0))

@@ -19,15 +19,19 @@ from ergoqp.errors import ModelError
 from ergoqp.files.atomic import atomic_write
 from ergoqp.files.read import read_npz
 
+Settings = Mapping[str, Any]
+"""Settings of a model, for JSON."""
+
+Arrays = Mapping[str, NDArray[Any]]
+"""Arrays of a model, by name."""
+
 FORMAT: Final = "ergoqp-model-1"
 """Name of the format, in the header of every file."""
 
 _HEADER: Final = "header"
 
 
-def save_model(
-    path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
-) -> None:
+def save_model(path: Path | str, header: Settings, arrays: Arrays) -> None:
     """Write a model. An existing file is replaced in one move, so no reader sees half of it.
 
     Args:
@@ -75,7 +79,7 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     return header, arrays
 
 
-def _checksum(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
+def _checksum(header: Settings, arrays: Arrays) -> str:
     digest = hashlib.sha256(json.dumps(dict(header), sort_keys=True).encode())
     for name in sorted(arrays):
         values = arrays[name]

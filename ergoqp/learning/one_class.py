@@ -39,9 +39,6 @@ from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.pipelines import check_radians, dense, named, sklearn, unpack
 
-_CHUNK: Final = 4_000_000
-"""Number of entries of a kernel matrix that are held at once."""
-
 _STARTS: Final = 16
 """Number of support vectors from which the largest margin is searched."""
 
@@ -49,82 +46,6 @@ _CLIMB: Final = 30
 """Number of steps of this search."""
 
 Array = NDArray[np.float64]
-
-
-class Margin:
-    """The margin g of a sum of kernels."""
-
-    def __init__(self, kernels: KernelSum, log_rho: float) -> None:
-        """Take a sum with positive weights only, and the logarithm of rho."""
-        self._sum, self._log_rho = kernels, log_rho
-        self._gamma = kernels.kernel.gamma
-
-    def __call__(self, points: ArrayLike) -> Array:
-        """Return g (n,) of inputs (n, d)."""
-        rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self._sum.origin) / self._sum.scale
-        size = max(1, _CHUNK // len(self._sum.weights))
-        values = [self._log_sum(rows[i : i + size]) for i in range(0, len(rows), size)]
-        return (
-            np.concatenate([*values, np.empty(0)])
-            - self._gamma * (rows**2).sum(axis=1)
-            - self._log_rho
-        )
-
-    def _log_sum(self, rows: Array) -> Array:
-        exponents = self._exponents(rows)
-        largest = exponents.max(axis=1)
-        return largest + np.log(np.exp(exponents - largest[:, np.newaxis]).sum(axis=1))
-
-    def summit(self) -> float:
-        """Return the largest margin that is found uphill from the innermost support vectors.
-
-        All support vectors can be outside although other points are inside. Each step moves a
-        point to the mean of the centres, weighted by their shares in the sum. This never
-        lowers the margin (mean shift).
-        """
-        rows = self._sum.points[
-            np.argsort(-self(self._sum.centres * self._sum.scale + self._sum.mean))[:_STARTS]
-        ]
-        for _ in range(_CLIMB):
-            exponents = self._exponents(rows)
-            shares = np.exp(exponents - exponents.max(axis=1)[:, np.newaxis])
-            rows = shares @ self._sum.points / shares.sum(axis=1)[:, np.newaxis]
-        return float(self(rows * self._sum.scale + self._sum.origin).max())
-
-    def _exponents(self, rows: Array) -> Array:
-        """Return the exponents (n, centres) at points, without -gamma |u|^2.
-
-        The points are scaled and relative to the origin (n, d).
-        """
-        return self._offsets + 2 * self._gamma * rows @ self._sum.points.T
-
-    @cached_property
-    def _offsets(self) -> Array:
-        """Exponents at the origin (n,): log a_i - gamma |s_i|^2.
-
-        The common term -gamma |u|^2 is left out of the sum.
-        """
-        return np.log(self._sum.weights) - self._gamma * (self._sum.points**2).sum(axis=1)
-
-    @cached_property
-    def function(self) -> ca.Function:
-        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
-
-        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma
-        (sum_i p_i s_i - u). The largest exponent is subtracted first, so that nothing
-        underflows far away.
-        """
-        scale = self._sum.scale
-        x = ca.MX.sym("x", len(scale))
-        u = (x - ca.DM(self._sum.origin)) / ca.DM(scale)
-        matrix = ca.MX(ca.DM(2 * self._gamma * self._sum.points))
-        exponents = matrix @ u + ca.DM(self._offsets)
-        largest = ca.mmax(exponents)
-        shares = ca.exp(exponents - largest)
-        total = ca.sum1(shares)
-        value = largest + ca.log(total) - self._gamma * ca.sumsqr(u) - self._log_rho
-        slope = ((shares.T @ matrix).T / total - 2 * self._gamma * u) / ca.DM(scale)
-        return ca.Function("one_class", [x], [value, slope], ["x"], ["margin", "slope"])
 
 
 KIND: Final = "one_class"
@@ -204,38 +125,15 @@ class OneClass:
             _vector(mean),
             _vector(scale),
         )
+        self.gamma = self._sum.kernel.gamma
+        self.mean, self.scale = self._sum.mean, self._sum.scale
+        self.centres, self.weights = self._sum.centres, self._sum.weights
         if len(self.scale) != len(self.coordinates):
             raise ModelError(
                 f"one-class SVM: got {len(self.scale)} inputs, allowed {len(self.coordinates)}, one"
                 " per coordinate"
             )
         self.log_rho = float(np.log(rho))
-        self._margin = Margin(self._sum, self.log_rho)
-
-    @property
-    def gamma(self) -> float:
-        """Gamma of the kernel, per squared scaled unit."""
-        return self._sum.kernel.gamma
-
-    @property
-    def mean(self) -> Array:
-        """Subtracted from the inputs (d,)."""
-        return self._sum.mean
-
-    @property
-    def scale(self) -> Array:
-        """Divides the inputs after that (d,)."""
-        return self._sum.scale
-
-    @property
-    def centres(self) -> Array:
-        """Support vectors, scaled (n, d)."""
-        return self._sum.centres
-
-    @property
-    def weights(self) -> Array:
-        """Factor of each kernel, positive (n,)."""
-        return self._sum.weights
 
     @classmethod
     def fit(
@@ -310,7 +208,7 @@ class OneClass:
         gamma = svm._gamma  # the value of "scale" and "auto", which has no public name
         centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
-        if np.exp(model.log_rho) * np.expm1(model._margin.summit()) < -svm.tol:
+        if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
             raise ModelError(
                 f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed"
                 " another nu or gamma"
@@ -323,12 +221,65 @@ class OneClass:
 
     def margin(self, points: ArrayLike) -> Array:
         """Return g (n,) of inputs (n, d): 0 on the boundary, positive inside, finite everywhere."""
-        return self._margin(points)
+        rows = self._sum.scaled_rows(points)
+        values = self._sum.in_chunks(rows, self._log_sum)
+        return values - self.gamma * (rows**2).sum(axis=1) - self.log_rho
 
-    @property
+    def _log_sum(self, rows: Array) -> Array:
+        exponents = self._exponents(rows)
+        largest = exponents.max(axis=1)
+        return largest + np.log(np.exp(exponents - largest[:, np.newaxis]).sum(axis=1))
+
+    def _summit(self) -> float:
+        """Return the largest margin that is found uphill from the innermost support vectors.
+
+        All support vectors can be outside although other points are inside. Each step moves a
+        point to the mean of the centres, weighted by their shares in the sum. This never
+        lowers the margin (mean shift).
+        """
+        rows = self._sum.points[
+            np.argsort(-self.margin(self.centres * self.scale + self.mean))[:_STARTS]
+        ]
+        for _ in range(_CLIMB):
+            exponents = self._exponents(rows)
+            shares = np.exp(exponents - exponents.max(axis=1)[:, np.newaxis])
+            rows = shares @ self._sum.points / shares.sum(axis=1)[:, np.newaxis]
+        return float(self.margin(rows * self.scale + self._sum.origin).max())
+
+    def _exponents(self, rows: Array) -> Array:
+        """Return the exponents (n, centres) at points, without -gamma |u|^2.
+
+        The points are scaled and relative to the origin (n, d).
+        """
+        return self._offsets + 2 * self.gamma * rows @ self._sum.points.T
+
+    @cached_property
+    def _offsets(self) -> Array:
+        """Exponents at the origin (n,): log a_i - gamma |s_i|^2.
+
+        The common term -gamma |u|^2 is left out of the sum.
+        """
+        return np.log(self.weights) - self.gamma * (self._sum.points**2).sum(axis=1)
+
+    @cached_property
     def margin_and_slope(self) -> ca.Function:
-        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices."""
-        return self._margin.function
+        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
+
+        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma
+        (sum_i p_i s_i - u). The largest exponent is subtracted first, so that nothing
+        underflows far away.
+        """
+        scale = self.scale
+        x = ca.MX.sym("x", len(scale))
+        u = (x - ca.DM(self._sum.origin)) / ca.DM(scale)
+        matrix = ca.MX(ca.DM(2 * self.gamma * self._sum.points))
+        exponents = matrix @ u + ca.DM(self._offsets)
+        largest = ca.mmax(exponents)
+        shares = ca.exp(exponents - largest)
+        total = ca.sum1(shares)
+        value = largest + ca.log(total) - self.gamma * ca.sumsqr(u) - self.log_rho
+        slope = ((shares.T @ matrix).T / total - 2 * self.gamma * u) / ca.DM(scale)
+        return ca.Function("one_class", [x], [value, slope], ["x"], ["margin", "slope"])
 
     def save(self, path: Path | str) -> None:
         """Write the model to a file (npz with a JSON header and a checksum).

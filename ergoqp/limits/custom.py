@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -95,8 +95,20 @@ class _Told:
         return np.minimum(*np.split(ends, 2))
 
 
-_SEEN: Final[dict[tuple[int, int], weakref.ref[Any]]] = {}
-"""Limits that were judged, by identity and size of the state: a problem is often made anew."""
+_JUDGED: Final[dict[tuple[int, Any], tuple[weakref.ref[Any], Any]]] = {}
+"""Terms that were judged, by identity and state, and what was found: problems are made anew."""
+
+
+def judged_once(term: Any, state: Any, judge: Callable[[], Any]) -> Any:
+    """Return what a judgement of a term gives, which is made once for the same object and state."""
+    key = id(term), state
+    known = _JUDGED.get(key)
+    if known is not None and known[0]() is term:
+        return known[1]
+    found = judge()
+    with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
+        _JUDGED[key] = weakref.ref(term, lambda _: _JUDGED.pop(key, None)), found
+    return found
 
 
 def judge_rates(limit: Limit, context: LimitContext) -> None:
@@ -113,13 +125,7 @@ def judge_rates(limit: Limit, context: LimitContext) -> None:
     """
     if of_package(limit, getattr(limit, "region", None)):
         return
-    key = id(limit), context.posture.numel()
-    known = _SEEN.get(key)
-    if known is not None and known() is limit:
-        return
-    OwnRates(limit, context).judge()
-    with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
-        _SEEN[key] = weakref.ref(limit, lambda _: _SEEN.pop(key, None))
+    judged_once(limit, context.posture.numel(), lambda: OwnRates(limit, context).judge())
 
 
 class OwnRates:
@@ -137,11 +143,7 @@ class OwnRates:
         sensitivity, shift = ca.SX.sym("sensitivity", n, 6), ca.SX.sym("shift", n)
         displacement = ca.SX.sym("displacement", 6)
         self._measure = limit.measure()
-        here = replace(context, sensitivity=sensitivity)
-        readings = ca.SX(0, 1)
-        if self._measure is not None:
-            readings = ca.SX.sym("readings", self._measure.numel_out(0))
-            here = replace(here, readings={self.first: readings})
+        here, readings = _with_readings(limit, replace(context, sensitivity=sensitivity))
         lost = replace(here, margin_reduction={self.first: (ca.SX.ones(m), ca.SX.ones(m))})
         rows, fewer = limit.rows(here), limit.rows(lost)
         directions = np.random.default_rng(1).normal(size=(6, 6))
@@ -270,6 +272,15 @@ def _ends(rows: Rows) -> tuple[ca.SX, ca.SX]:
     return rows.to_lower, rows.to_upper
 
 
+def _with_readings(limit: Limit, place: LimitContext) -> tuple[LimitContext, ca.SX]:
+    """Return a context with symbols for the readings of a limit, and these symbols (k,)."""
+    measure = limit.measure()
+    if measure is None:
+        return place, ca.SX(0, 1)
+    readings = ca.SX.sym("readings", measure.numel_out(0))
+    return replace(place, readings={limit.names[0]: readings}), readings
+
+
 _ROUNDING = 1e-6
 
 KINDS: Final[Mapping[str, type]] = {
@@ -365,7 +376,8 @@ class OwnLimits:
             first = limit.names[0]
             allowed = f"ergoqp.limits.limit.Rows of {len(limit.names)}, and as many margins"
             try:
-                found = [self._functions[first].numel_out(0), self._margins_of(limit)]
+                margins = limit.margins(_with_readings(limit, self._place())[0], ca.SX(6, 1))
+                found = [self._functions[first].numel_out(0), margins.numel()]
             except ErgoqpError:
                 raise
             except Exception as error:  # any error in the code of a user's limit
@@ -378,14 +390,6 @@ class OwnLimits:
                     f" {allowed}"
                 )
             judge_rates(limit, self._place())
-
-    def _margins_of(self, limit: Limit) -> int:
-        place, measure = self._place(), limit.measure()
-        if measure is not None:
-            place = replace(
-                place, readings={limit.names[0]: ca.SX.sym("readings", measure.numel_out(0))}
-            )
-        return limit.margins(place, ca.SX(6, 1)).numel()
 
     @cached_property
     def ends(self) -> ca.Function | None:
@@ -418,26 +422,15 @@ class OwnLimits:
         """Return a symbolic context with nothing under way."""
         n, still = self.size, ca.SX(6, 1)
         posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
-        place = LimitContext(
-            posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.surface
-        )
-        return replace(place, shift=ca.SX(n, 1))
+        where = posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still
+        return LimitContext(*where, surface=self.surface, shift=ca.SX(n, 1))
 
     def _ends_of(self, limit: Limit) -> ca.Function:
         """Return the function ``(posture, pose) -> (to_lower, to_upper)`` of one limit."""
-        n, measure, place = self.size, limit.measure(), self._place()
-        posture, pose = place.posture, place.pose
+        measure, (place, readings) = limit.measure(), _with_readings(limit, self._place())
+        ends = [ca.densify(part) for part in _ends(limit.rows(place))]
         if measure is None:
-            rows = limit.rows(place)
-            return ca.Function(
-                "ends", [posture, pose], [ca.densify(rows.to_lower), ca.densify(rows.to_upper)]
-            )
-        readings = ca.SX.sym("readings", measure.numel_out(0))
-        rows = limit.rows(replace(place, readings={limit.names[0]: readings}))
-        inner = ca.Function(
-            "inner",
-            [posture, pose, readings],
-            [ca.densify(rows.to_lower), ca.densify(rows.to_upper)],
-        )
-        at, where = ca.MX.sym("posture", n), ca.MX.sym("pose", 4, 4)
+            return ca.Function("ends", [place.posture, place.pose], ends)
+        inner = ca.Function("inner", [place.posture, place.pose, readings], ends)
+        at, where = ca.MX.sym("posture", self.size), ca.MX.sym("pose", 4, 4)
         return ca.Function("ends", [at, where], list(inner.call([at, where, measure(at)])))

@@ -17,11 +17,11 @@ from typing import Annotated, Any, ClassVar, Final, Protocol
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import Range, check_parameters, check_text, object_of, read_array, shown
-from ergoqp.errors import InputError
+from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
+from ergoqp.errors import InputError, last_line
 from ergoqp.expressions import dense
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
 
 _TINY: Final = 1e-30
 """Keeps the slope of a square root finite [m^2]."""
@@ -91,7 +91,7 @@ class HalfSpace:
 
     def __post_init__(self) -> None:
         """Check the numbers and make the normal a unit vector."""
-        normal = _three("keep_out normal", self.normal)
+        normal = np.array(three("keep_out normal", self.normal, _LARGEST))
         length = float(np.linalg.norm(normal))
         if length < 1e-9:
             raise InputError(f"keep_out normal: got {self.normal}, allowed any vector but zero")
@@ -129,8 +129,7 @@ class Ball:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        centre = _three("keep_out centre", self.centre)
-        object.__setattr__(self, "centre", tuple(centre.tolist()))
+        object.__setattr__(self, "centre", three("keep_out centre", self.centre, _LARGEST))
         check_parameters(self, "keep_out ")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -165,14 +164,14 @@ class Box:
 
     def __post_init__(self) -> None:
         """Check the numbers, and that the box is not empty."""
-        lower, upper = (_three(f"keep_out {end}", getattr(self, end)) for end in ("lower", "upper"))
-        if not np.all(lower < upper):
+        for end in ("lower", "upper"):
+            corner = three(f"keep_out {end}", getattr(self, end), _LARGEST)
+            object.__setattr__(self, end, corner)
+        if not np.less(self.lower, self.upper).all():
             raise InputError(
                 f"keep_out: got lower {self.lower} not below upper {self.upper}, allowed"
                 " lower < upper"
             )
-        object.__setattr__(self, "lower", tuple(lower.tolist()))
-        object.__setattr__(self, "upper", tuple(upper.tolist()))
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction, from the nearest point; inside, from the nearest face."""
@@ -292,10 +291,9 @@ def _check_nearest(region: Region) -> None:
         lengths = [float(nearest(at)[1]) for at in _SAMPLES]
         shapes = distance.shape, direction.shape
     except Exception as error:  # any error in the code of a user's region
-        words = (str(error).strip().splitlines() or [""])[-1][:100]
         raise InputError(
-            f"keep_out region: got {type(error).__name__} ({words}) from nearest of"
-            f" {shown(region)}, allowed a distance and a direction (3,) of CasADi"
+            f"keep_out region: got {type(error).__name__} ({last_line(error)[:100]}) from nearest"
+            f" of {shown(region)}, allowed a distance and a direction (3,) of CasADi"
         ) from None
     if shapes != ((1, 1), (3, 1)):
         raise InputError(
@@ -308,13 +306,6 @@ def _check_nearest(region: Region) -> None:
                 f"keep_out region: got a direction of length {length:g} at {at} from"
                 f" {shown(region)}, allowed a unit vector everywhere"
             )
-
-
-def _three(what: str, value: Any) -> np.ndarray:
-    numbers = read_array(what, value, (3,), "three finite numbers")
-    if np.abs(numbers).max() > _LARGEST:
-        raise InputError(f"{what}: got {shown(value)}, allowed numbers up to {_LARGEST:g}")
-    return numbers
 
 
 _FAR: Final = 1e6

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Final, Protocol
 
 import casadi as ca
+import numpy as np
 
-from ergoqp.arguments import Range
-from ergoqp.errors import ProblemError
+from ergoqp.arguments import Range, read_array, shown
+from ergoqp.errors import InputError, ProblemError
 
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars to compile or vectors to interpret."""
@@ -52,6 +53,7 @@ class LimitContext:
 
     Example:
         >>> import casadi as ca
+    import numpy as np
         >>> from ergoqp.limits import LimitContext, WorkspaceBox
         >>> pose = ca.DM.eye(4)
         >>> posture, seen, still = ca.DM.zeros(32), ca.DM.ones(32), ca.DM.zeros(6)
@@ -151,6 +153,7 @@ class Rows:
 
     Example:
         >>> import casadi as ca
+    import numpy as np
         >>> from ergoqp.limits import Rows
         >>> height = ca.DM([[0, 0, 1, 0, 0, 0]])
         >>> free = ca.DM([ca.inf])
@@ -171,16 +174,14 @@ class Rows:
         Raises:
             ProblemError: if they do not fit together.
         """
-        one = (self.matrix.shape[0], 1)
+        m = self.matrix.shape[0]
         for name, part in vars(self).items():
-            if (shape := getattr(part, "shape", None)) != (
-                (one[0], 6) if name == "matrix" else one
-            ):
-                allowed = (
-                    "(m, 6)" if name == "matrix" else f"{one}, a number for each row of the matrix"
-                )
+            shape, allowed = (m, 1), f"{(m, 1)}, a number for each row of the matrix"
+            if name == "matrix":
+                shape, allowed = (m, 6), "(m, 6)"
+            if (got := getattr(part, "shape", None)) != shape:
                 raise ProblemError(
-                    f"limits: got rows whose {name} has shape {shape}, allowed {allowed}"
+                    f"limits: got rows whose {name} has shape {got}, allowed {allowed}"
                 )
 
 
@@ -284,6 +285,18 @@ class Limit(Protocol):
         ...
 
 
+def three(what: str, value: Any, largest: float = np.inf) -> tuple[float, float, float]:
+    """Return a user's three numbers.
+
+    Raises:
+        InputError: if they are not finite, or larger than `largest`.
+    """
+    numbers = read_array(what, value, (3,), "three finite numbers")
+    if np.abs(numbers).max() > largest:
+        raise InputError(f"{what}: got {shown(value)}, allowed numbers up to {largest:g}")
+    return float(numbers[0]), float(numbers[1]), float(numbers[2])
+
+
 def straight_margins(
     rows: Rows, displacement: Expression, mixed: LimitContext | None = None
 ) -> Expression:
@@ -297,6 +310,7 @@ def straight_margins(
 
     Example:
         >>> import casadi as ca
+    import numpy as np
         >>> from ergoqp.limits import Rows
         >>> from ergoqp.limits.limit import straight_margins
         >>> free = ca.DM([ca.inf])
@@ -309,8 +323,6 @@ def straight_margins(
         return ca.fmin(rows.to_lower + ca.fmin(moved, 0), rows.to_upper - ca.fmax(moved, 0))
     moved, led = rows.matrix @ mixed.straight(displacement), rows.matrix @ mixed.overshoot
     most = ca.fabs(rows.matrix) @ mixed.overshoot_bound
-    down, up = (
-        ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most),
-        ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most),
-    )
+    down = ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most)
+    up = ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most)
     return ca.fmin(rows.to_lower + down, rows.to_upper - up)

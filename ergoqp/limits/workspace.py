@@ -6,16 +6,16 @@ Both are hard rows on the object side.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import Range, check_parameters, read_array
+from ergoqp.arguments import Range, check_parameters
 from ergoqp.errors import InputError
 from ergoqp.expressions import turned
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
 
 _AXIS_NAMES: Final = ("x", "y", "z")
 
@@ -64,7 +64,7 @@ class WorkspaceBox:
     def __post_init__(self) -> None:
         """Check the numbers, and that the box is not empty."""
         for what, value in (("lower", self.lower), ("upper", self.upper)):
-            object.__setattr__(self, what, _three(f"workspace {what}", value))
+            object.__setattr__(self, what, three(f"workspace {what}", value))
         if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
             raise InputError(
                 f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <="
@@ -138,7 +138,7 @@ class AxisCone:
 
     def __post_init__(self) -> None:
         """Check the numbers and make the direction a unit vector."""
-        direction = np.asarray(_three("tool axis direction", self.direction))
+        direction = np.asarray(three("tool axis direction", self.direction))
         length = float(np.linalg.norm(direction)) if np.abs(direction).max() <= 1e9 else np.inf
         if not 1e-9 < length < np.inf:
             raise InputError(
@@ -160,11 +160,9 @@ class AxisCone:
         the swing is exact to second order. The reserve covers turns that differ from the swing.
         Without it, the certification would brake a turn along the edge of the cone.
         """
-        axis, turn, change = (
-            context.pose[:3, 0],
-            context.stop_displacement[3:],
-            ca.norm_2(context.change[3:]),
-        )
+        axis = context.pose[:3, 0]
+        turn = context.stop_displacement[3:]
+        change = ca.norm_2(context.change[3:])
         _, sine, cosine = self._slope(axis)
         matrix, _, _ = self._slope(turned(turn / 2, axis))
         middle = ca.DM(self.direction)
@@ -298,8 +296,3 @@ def _risen(
 def _beyond(turn: ca.SX, sine: ca.SX) -> ca.SX:
     """Return the largest change of an angle beyond its slope by a turn of `turn` [rad]."""
     return ca.fmin(turn, turn**2 / (2 * ca.fmax(sine - turn, 1e-6)))
-
-
-def _three(what: str, value: Any) -> tuple[float, float, float]:
-    numbers = read_array(what, value, (3,), "three finite numbers")
-    return float(numbers[0]), float(numbers[1]), float(numbers[2])

@@ -17,7 +17,7 @@ from typing import Final
 
 import casadi as ca
 
-from ergoqp.errors import ErgoqpError
+from ergoqp.errors import ErgoqpError, last_line
 from ergoqp.registry import cache_folder
 from ergoqp.solvers.daqp import Daqp
 
@@ -330,12 +330,8 @@ def _loaded(name: str, library: Path) -> ca.Function:
         return ca.external(name, str(library))
     except RuntimeError as error:
         raise CompilerError(
-            f"compiled {name}: the library {str(library)!r} cannot be loaded: {_last_line(error)}"
+            f"compiled {name}: the library {str(library)!r} cannot be loaded: {last_line(error)}"
         ) from None
-
-
-def _last_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[-1]
 
 
 def generated(function: ca.Function, name: str) -> dict[str, str]:

@@ -36,10 +36,8 @@ class Workspace:
                 " and limits.tool_axis where places are looked for"
             )
         self._lower, self._upper = np.asarray(box.lower), np.asarray(box.upper)
-        self._middle, self._half = (
-            frame_of(np.asarray(cone.direction)),
-            np.radians(cone.half_angle_deg) * _TILT,
-        )
+        self._middle = frame_of(np.asarray(cone.direction))
+        self._half = np.radians(cone.half_angle_deg) * _TILT
         axes = problem.twist_limit.axes
         turns = [("rx" in axes or axis in axes) for axis in ("ry", "rz")]
         self.moves = np.array([*(self._upper > self._lower + 1e-9), *turns])

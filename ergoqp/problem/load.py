@@ -6,7 +6,6 @@ Every mistake is reported with its key, what was found and what is allowed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,37 +18,14 @@ from ergoqp.files.read import read_toml
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
-from ergoqp.limits import (
-    ArmLength,
-    AxisCone,
-    JointLimit,
-    KeepOut,
-    OneClassBoundary,
-    TwistLimit,
-    WorkspaceBox,
-)
 from ergoqp.problem.messages import full_keys, given_tables, listed, mistakes, unusual
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.schema import (
-    REGIONS,
-    TaskTable,
-    build_own,
-    file_table,
-    given,
-    own_tables,
-    point_speed,
-)
+from ergoqp.problem.schema import LIMITS, TaskTable, build_own, file_table, given, own_tables
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.registry import data_folder
 from ergoqp.responses import IkResponse, LinearResponse, Response
 from ergoqp.sheets.options import TaskOptions
 from ergoqp.sheets.reba import Method
-
-
-def _keep_out(**keys: Any) -> KeepOut:
-    """Return a region that the contact point stays out of; exactly one of `REGIONS` is given."""
-    kind = next(kind for kind in keys if kind in REGIONS)
-    return KeepOut(REGIONS[kind](**keys.pop(kind)), **keys)
 
 
 def _ik(
@@ -66,59 +42,33 @@ def _points(folder: Path) -> LinearResponse:
     return LinearResponse()
 
 
-@dataclass(frozen=True)
-class _Given:
-    """The parts of a file that a cost needs besides its own table.
-
-    Attributes:
-        file: the whole file.
-        sheet: the options of the sheet, including the method.
-        folder: folder that paths are relative to.
-    """
-
-    file: Any
-    sheet: dict[str, Any]
-    folder: Path
-
-
-def _smooth_reba(of_file: _Given, **keys: Any) -> SmoothReba:
+def _smooth_reba(file: Any, sheet: dict[str, Any], folder: Path, **keys: Any) -> SmoothReba:
     """Return the smooth REBA score of the task."""
-    return SmoothReba(**keys, **of_file.sheet)
+    return SmoothReba(**keys, **sheet)
 
 
-def _learned(of_file: _Given, model: str) -> Any:
+def _learned(file: Any, sheet: dict[str, Any], folder: Path, model: str) -> Any:
     """Return the learned cost of a file."""
     # A learned cost has the options of its data. Other options would be silently ignored.
-    if of_file.file.task != TaskTable():
+    if file.task != TaskTable():
         raise ProblemError(
             "cost.learned: got options in [task], allowed none: the cost was learned without them"
         )
     from ergoqp.costs.load import load_cost
 
-    return load_cost(find_model(model, of_file.folder))
+    return load_cost(find_model(model, folder))
 
 
 # Registration: one line per kind of term; the table's fields are the keyword arguments.
-COSTS: Final[dict[str, Callable[..., Any]]] = {
-    "smooth_reba": _smooth_reba,
-    "learned": _learned,
-}
-"""Costs by the names of their tables. The first argument is a `_Given`."""
+COSTS: Final[dict[str, Callable[..., Any]]] = {"smooth_reba": _smooth_reba, "learned": _learned}
+"""Costs by the names of their tables.
+
+The first arguments are the whole file, the options of the sheet including the method, and the
+folder of relative paths.
+"""
 
 RESPONSES: Final[dict[str, Callable[..., Response]]] = {"ik": _ik, "points": _points}
 """Responses by the names of their tables. The first argument is the folder of relative paths."""
-
-LIMITS: Final[dict[str, Callable[..., Any]]] = {
-    "twist": TwistLimit,
-    "joints": JointLimit,
-    "workspace": WorkspaceBox,
-    "tool_axis": AxisCone,
-    "keep_out": _keep_out,
-    "point_speed": point_speed,
-    "arm_length": ArmLength,
-    "one_class_boundary": OneClassBoundary,
-}
-"""Limits by the names of their tables."""
 
 TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")
 """The problems with a person and the smooth REBA score, used for all figures of closed loops."""
@@ -175,9 +125,7 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
         raise ProblemError(listed(name, found))
     try:
         return _build(file, name, folder or Path())
-    except ErgoqpError as error:
-        raise ProblemError(f"{name}: {error}") from None
-    except TypeError as error:
+    except (ErgoqpError, TypeError) as error:
         raise ProblemError(f"{name}: {error}") from None
 
 
@@ -216,7 +164,7 @@ def _cost(file: Any, sheet: dict[str, Any], folder: Path) -> Any:
         return build_own("cost", name, own)
     ((name, values),) = (given(file.cost) or {"smooth_reba": {}}).items()
     with full_keys({f"cost.{name}": values, "task": sheet}):
-        return COSTS[name](_Given(file, sheet, folder), **values)
+        return COSTS[name](file, sheet, folder, **values)
 
 
 def _limits(file: Any, folder: Path, of_person: bool) -> list[Any]:

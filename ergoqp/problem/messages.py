@@ -109,7 +109,8 @@ class Place:
             return f"{words} {'from ' if both else 'of ' if size.startswith('at') else ''}{size}"
         least, most = (self.bounds.get(f"{end}_length") for end in ("min", "max"))
         if words and (least is not None or most is not None):
-            count = f"{least} to {most}" if least and most else f"at {_end(least, most)}"
+            end = f"at least {least}" if most is None else f"at most {most}"
+            count = f"{least} to {most}" if least and most else end
             entries = "entry" if (most or least) == 1 else "entries"
             words = f"{words} with {count} {entries}"
         return words
@@ -117,10 +118,6 @@ class Place:
 
 _ENDS: Final = (("ge", "gt"), ("le", "lt"))
 _BOUNDS: Final = ("ge", "gt", "le", "lt", "min_length", "max_length")
-
-
-def _end(least: int | None, most: int | None) -> str:
-    return f"most {most}" if most is not None else f"least {least}"
 
 
 def place_of(table: type[BaseModel], path: Sequence[int | str]) -> Place | None:
@@ -220,11 +217,6 @@ def listing(names: Sequence[str] | Mapping[str, Any]) -> str:
     """Return names as "a, b and c"."""
     *most, last = names
     return f"{', '.join(most)} and {last}" if most else last
-
-
-def out_of_range(place: Place, value: Any) -> str:
-    """Return the range that a number is outside of, and the unit in which it would be inside."""
-    return f"{place.range_in_words()}{perhaps([value], *place.range, place.unit)}"
 
 
 def nearest(got: str, allowed: Sequence[str]) -> str | None:
@@ -392,8 +384,8 @@ def _sentence(table: type[BaseModel], item: dict[str, Any], required: bool) -> s
     if kind == "missing":
         return f"{key}: got nothing, required"
     got, place = f"got {as_written(item['input'])}", place_of(table, path)
-    if place and kind in _RANGES and (size := out_of_range(place, item["input"])):
-        return f"{key}: {got}, allowed {size}"
+    if place and kind in _RANGES and (size := place.range_in_words()):
+        return f"{key}: {got}, allowed {size}{perhaps([item['input']], *place.range, place.unit)}"
     if kind in _KINDS or kind in _LENGTHS:
         words = place.in_words() if place else ""
         if words or kind in _KINDS:
@@ -492,11 +484,8 @@ def _key(words: str, values: Mapping[str, Any]) -> str | None:
     if found is None:
         return None
     key = found[1]
-    within = next((name for name, value in values.items() if key in _of(value)), None)
+    tables = {name: value for name, value in values.items() if isinstance(value, Mapping)}
+    within = next((name for name, table in tables.items() if key in table), None)
     if key not in values and within is None:
         return None
     return words.lstrip() if key in values else f"{within}.{words.lstrip()}"
-
-
-def _of(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ergoqp.arguments import as_tuple
 from ergoqp.coordinates import Coordinates
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.errors import ProblemError
 from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Limit, TwistLimit, WorkspaceBox
@@ -229,10 +229,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Check that the terms are valid and fit together."""
-        try:
-            object.__setattr__(self, "limits", as_tuple("limits", self.limits))
-        except InputError as error:
-            raise ProblemError(str(error)) from None
+        object.__setattr__(self, "limits", as_tuple("limits", self.limits, ProblemError))
         check_kinds(self)
         check_by_joint(self.method, "problem")
         self._check_state()
@@ -395,10 +392,8 @@ class Problem:
         if box is None:
             return
         for axis, rise in enumerate(self._rises.tolist()):
-            width, least = (
-                box.upper[axis] - box.lower[axis],
-                max(_NARROWEST, rise) + 2 * self.robot.pose_noise,
-            )
+            width = box.upper[axis] - box.lower[axis]
+            least = max(_NARROWEST, rise) + 2 * self.robot.pose_noise
             if self.twist_limit.speed[axis] > 0 and width < least:
                 name = "xyz"[axis]
                 raise ProblemError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -310,6 +310,24 @@ def _named(regions: list[Table]) -> list[Table]:
         )
     return regions
 
+
+def _keep_out(**keys: Any) -> KeepOut:
+    """Return a region that the contact point stays out of; exactly one of `REGIONS` is given."""
+    kind = next(kind for kind in keys if kind in REGIONS)
+    return KeepOut(REGIONS[kind](**keys.pop(kind)), **keys)
+
+
+LIMITS: Final[dict[str, Callable[..., Any]]] = {
+    "twist": TwistLimit,
+    "joints": JointLimit,
+    "workspace": WorkspaceBox,
+    "tool_axis": AxisCone,
+    "keep_out": _keep_out,
+    "point_speed": point_speed,
+    "arm_length": ArmLength,
+    "one_class_boundary": OneClassBoundary,
+}
+"""Limits by the names of their tables; the keys of a table are the arguments."""
 
 LimitsTable: Any = _tables(
     "LimitsTable",

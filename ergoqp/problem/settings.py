@@ -236,10 +236,8 @@ class Frames:
         """Read the frames."""
         for name in _NAMES:
             object.__setattr__(self, name, _frame(f"frames.{name}", getattr(self, name)))
-        try:
-            offset = read_array("frames.offset", self.offset, (3,), "3 finite numbers [m]")
-        except InputError as error:
-            raise ProblemError(str(error)) from None
+        three = "3 finite numbers [m]"
+        offset = read_array("frames.offset", self.offset, (3,), three, ProblemError)
         object.__setattr__(self, "offset", offset)
         check_parameters(self, "frames.", ProblemError)
         if (self.spread is None) != (self.spread_deg is None):
@@ -249,9 +247,8 @@ class Frames:
         """Return whether all frames and numbers are the same."""
         if not isinstance(other, Frames):
             return NotImplemented
-        same = all(np.array_equal(getattr(self, n), getattr(other, n)) for n in (*_NAMES, "offset"))
-        numbers = ("spread", "spread_deg", "compare")
-        return same and all(getattr(self, n) == getattr(other, n) for n in numbers)
+        names = [each.name for each in fields(Frames)]
+        return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 

@@ -9,9 +9,7 @@ Terms of the package are skipped: its tests judge them.
 
 from __future__ import annotations
 
-import contextlib
 import time
-import weakref
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from typing import Any, Final
@@ -29,10 +27,10 @@ from ergoqp.arguments import (
     of_package,
     shown,
 )
-from ergoqp.errors import InputError, ProblemError, in_words
+from ergoqp.errors import InputError, ProblemError, in_words, last_line
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.limits import TwistLimit
-from ergoqp.limits.custom import KINDS
+from ergoqp.limits.custom import KINDS, judged_once
 from ergoqp.limits.limit import RECOVERY_TIMES
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.sheets.options import Method, TaskOptions
@@ -171,10 +169,9 @@ def check_expression(cost: Any, size: int) -> None:
             if not getattr(cost, "dense", False):
                 function.expand()  # as the step does
     except Exception as error:  # any error in the code of a user's cost
-        words = (str(error).strip().splitlines() or [""])[-1][:120]
         raise ProblemError(
-            f"cost: got {type(error).__name__} ({words}) from the expression of {cost.name},"
-            " allowed a scalar of CasADi"
+            f"cost: got {type(error).__name__} ({last_line(error)[:120]}) from the expression of"
+            f" {cost.name}, allowed a scalar of CasADi"
         ) from None
     if not scalar:
         raise ProblemError(
@@ -274,9 +271,6 @@ _SLOW: Final = 1e-3
 _MOVES: Final = (-0.1, 3.0)
 """How far the contact may move in the model per metre of the object."""
 
-_SEEN: Final[dict[tuple[int, tuple[str, ...]], tuple[weakref.ref[Any], float]]] = {}
-"""Terms that were tried, and how long they take [s]: a problem is often made anew."""
-
 
 def judge_terms(cost: Any, response: Any) -> dict[str, float]:
     """Try the user's own cost and response.
@@ -295,24 +289,12 @@ def judge_terms(cost: Any, response: Any) -> dict[str, float]:
     comfort = np.asarray(getattr(response, "comfort", np.zeros(len(state))), dtype=float)
     found = {}
     if not of_package(cost):
-        found[f"cost {cost.name}"] = _once(_Cost, cost, state, comfort)
+        took = judged_once(cost, state, lambda: _Cost(cost, state, comfort).judged())
+        found[f"cost {cost.name}"] = took
     if not of_package(response):
-        found["response"] = _once(_Response, response, state, comfort)
+        took = judged_once(response, state, lambda: _Response(response, state, comfort).judged())
+        found["response"] = took
     return found
-
-
-def _once(
-    judge: type[_Cost | _Response], term: Any, state: tuple[str, ...], comfort: np.ndarray
-) -> float:
-    """Return how long a term takes [s]; the same object is judged once."""
-    key = id(term), state
-    known = _SEEN.get(key)
-    if known is not None and known[0]() is term:
-        return known[1]
-    took = judge(term, state, comfort).judged()
-    with contextlib.suppress(TypeError):  # of a class whose objects cannot be referred to weakly
-        _SEEN[key] = weakref.ref(term, lambda _: _SEEN.pop(key, None)), took
-    return took
 
 
 def _drawn(state: tuple[str, ...], comfort: np.ndarray) -> np.ndarray:
@@ -323,10 +305,10 @@ def _drawn(state: tuple[str, ...], comfort: np.ndarray) -> np.ndarray:
     return comfort + np.linspace(0, 1, _POSTURES)[:, np.newaxis] * (ends - comfort)
 
 
-def _duration(evaluate: Callable[[], object]) -> float:
-    """Return the shortest of three durations [s]."""
+def shortest(evaluate: Callable[[], object], repeats: int = 3) -> float:
+    """Return the shortest of the durations of repeated calls [s]."""
     times = []
-    for _ in range(3):
+    for _ in range(repeats):
         start = time.perf_counter()
         evaluate()
         times.append(time.perf_counter() - start)
@@ -378,7 +360,7 @@ class _Cost:
                 f"cost: got minimum {self.cost.minimum:g} of {name}, but {values.min():.6g} at a"
                 " posture, allowed at most its least value"
             )
-        took = _duration(lambda: self.at(self.postures[1]))
+        took = shortest(lambda: self.at(self.postures[1]))
         for end in self.postures[-1:] if took > _SLOW else self.postures[1:]:
             self._smooth(self.postures[0], end)
         return took
@@ -504,7 +486,7 @@ class _Response:
                     f" {'xyz'[axis]} when the object moves 1 m, allowed about 1: contact and"
                     " sensitivity must be of one person"
                 )
-        return _duration(lambda: self.sensitivity(self.postures[0], np.zeros(n)))
+        return shortest(lambda: self.sensitivity(self.postures[0], np.zeros(n)))
 
     def _locks(self, posture: np.ndarray, number: int) -> None:
         """Check that a locked joint does not move."""

@@ -403,11 +403,7 @@ def sensitivity_function(
     # G xi - J S xi: the rest due to damping, which is everything where the joints cannot follow.
     E = damping**2 * multipliers[:hands, :]
     return ca.Function(
-        "sensitivity",
-        [q, locked],
-        [S, ca.densify(E)],
-        ["q", "locked"],
-        ["sensitivity", "unmet"],
+        "sensitivity", [q, locked], [S, ca.densify(E)], ["q", "locked"], ["sensitivity", "unmet"]
     )
 
 

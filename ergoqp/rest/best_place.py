@@ -144,9 +144,7 @@ def tilted_frames(
     """
     middle = frame_of(np.asarray(cone.direction))
     half = np.radians(cone.half_angle_deg)
-    about_y, about_z = (
-        any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz"))
-    )
+    about_y, about_z = ("rx" in axes or axis in axes for axis in ("ry", "rz"))
     tilts = [
         (a, b)
         for a in (shares if about_y else (0.0,))
@@ -174,9 +172,8 @@ def draw_starts(
     for _ in range(tries if candidates.size else 0):
         chosen = rng.choice(candidates)
         pose = found.poses[chosen].copy()
-        pose[:3, 3] = np.clip(
-            pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING, box.lower, box.upper
-        )
+        beside = pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING
+        pose[:3, 3] = np.clip(beside, box.lower, box.upper)
         posture, reached = person.settle(found.postures[chosen], pose, grasp, soles)
         if (
             reached
@@ -185,17 +182,20 @@ def draw_starts(
         ):
             # The hand may have turned about a free tool, so the grasp is that of the new
             # posture.
-            starts.append(
-                Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles)
-            )
+            held = np.linalg.solve(pose, grips_of(person, posture))
+            starts.append(Start(posture, pose, held, soles))
             if len(starts) == count:
                 break
     return starts
 
 
-def _grips(person: ModelPerson, posture: np.ndarray) -> np.ndarray:
+def grips_of(person: ModelPerson, posture: np.ndarray) -> np.ndarray:
+    """Return the grips in the world (k, 4, 4) at a posture (32,) [rad]."""
     contact = person.contact(posture)[0]
     return np.stack([contact @ grip for grip in person.grasp(posture)])
+
+
+_TERMS = ("hands", "stance", "seat", "tool", "free_about_tool")
 
 
 def _key(problem: Problem, person: ModelPerson, spacing: float) -> str:
@@ -211,13 +211,7 @@ def _key(problem: Problem, person: ModelPerson, spacing: float) -> str:
         "lengths": dict(response.body.lengths),
         "weights": response.weight_vector.tolist(),
         "comfort": response.comfort.tolist(),
-        "terms": [
-            response.hands,
-            response.stance,
-            response.seat,
-            response.tool,
-            response.free_about_tool,
-        ],
+        "terms": [getattr(response, name) for name in _TERMS],
         "numbers": [response.balance, response.relaxation_time, response.damping],
         "eyes": [response.looks, response.attention, response.hanging],
     }

@@ -72,9 +72,8 @@ class ReachAndRelax:
                 axis = self._tool_axis(have)
                 turn = turn - axis * ca.dot(axis, turn)
             angles.append(ca.norm_2(turn))
-        step = response.reach()(q, locked, gain * ca.vertcat(*errors)) + relax * response.drift()(
-            q, locked
-        )
+        step = response.reach()(q, locked, gain * ca.vertcat(*errors))
+        step = step + relax * response.drift()(q, locked)
         if response.stance == "standing":
             sole_step, slipped = self._sole_step(q, soles)
             step = step + sole_step * (1 - locked)
@@ -110,9 +109,8 @@ class ReachAndRelax:
             at_hip = ca.vertcat(error[:3] + ca.cross(error[3:], hip - position), error[3:])
             leg = move_sole(kinematics, bent, side, at_hip)
             # Far from its place a leg must not jump to the other solution of its bend.
-            step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * ca.fmin(
-                1, 0.1 / (ca.norm_inf(leg) + 1e-12)
-            )
+            small = ca.fmin(1, 0.1 / (ca.norm_inf(leg) + 1e-12))
+            step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * small
             off = ca.fmax(off, ca.norm_2(error[:3]))
         return step, off
 
@@ -133,12 +131,8 @@ class ReachAndRelax:
         """Return the grips in the contact frame (k, 4, 4) at a posture: how the object is held."""
         contact = self.contact(posture)[0]
         grips = np.array(self.response.grips()(posture))
-        return np.stack(
-            [
-                np.linalg.solve(contact, grip)
-                for grip in np.split(grips, len(self.response.hands), axis=1)
-            ]
-        )
+        each = np.split(grips, len(self.response.hands), axis=1)
+        return np.stack([np.linalg.solve(contact, grip) for grip in each])
 
     def move(
         self, posture: np.ndarray, targets: np.ndarray, soles: np.ndarray, gain: float, relax: float
@@ -153,9 +147,8 @@ class ReachAndRelax:
         step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
         for _ in range(3):
             after = posture + step
-            blocked = ((after > UPPER) & (posture >= UPPER - 1e-9)) | (
-                (after < LOWER) & (posture <= LOWER + 1e-9)
-            )
+            blocked = (after > UPPER) & (posture >= UPPER - 1e-9)
+            blocked |= (after < LOWER) & (posture <= LOWER + 1e-9)
             newly = blocked & (locked < 0.5)
             if not newly.any():
                 break

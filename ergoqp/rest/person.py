@@ -5,27 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_kind, check_number, shown, table_of_numbers, unmasked
+from ergoqp.arguments import Range, check_kind, check_parameters, shown, table_of_numbers, unmasked
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER, spoken
 from ergoqp.problem.geometry import straight
 from ergoqp.problem.settings import DeclaredRobot
-
-_ENDS: Final = {
-    "delay": (0.0, 2.0),
-    "hand_time": (1e-3, 10.0),
-    "noise_deg": (0.0, 90.0),
-    "drift_deg": (0.0, 90.0),
-    "drift_time": (1e-3, 3600.0),
-    "lost": (0.0, 1.0),
-}
-"""Least and greatest value of each number of `SensorModel`."""
 
 
 @dataclass(frozen=True)
@@ -51,27 +41,25 @@ class SensorModel:
         0.0873
     """
 
-    delay: float = 0.15
-    hand_time: float = 0.05
-    noise_deg: float = 0.5
-    drift_deg: float = 1.0
-    drift_time: float = 10.0
-    lost: float = 0.01
-    bias_deg: Mapping[str, float] = field(default_factory=dict)
+    delay: Annotated[float, Range(0.0, 2.0)] = 0.15
+    hand_time: Annotated[float, Range(1e-3, 10.0)] = 0.05
+    noise_deg: Annotated[float, Range(0.0, 90.0)] = 0.5
+    drift_deg: Annotated[float, Range(0.0, 90.0)] = 1.0
+    drift_time: Annotated[float, Range(1e-3, 3600.0)] = 10.0
+    lost: Annotated[float, Range(0.0, 1.0)] = 0.01
+    bias_deg: Mapping[str, Annotated[float, Range(-90.0, 90.0, "deg")]] = field(
+        default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         """Check the values and the names of the joints."""
-        for name, ends in _ENDS.items():
-            check_number(name, getattr(self, name), *ends)
-        check_kind(
-            "bias_deg", self.bias_deg, Mapping, "a table of joints, each with its error [deg]"
-        )
-        for name, error in self.bias_deg.items():
-            if name not in INDEX:
-                raise InputError(
-                    f"bias_deg: got {shown(name)}, allowed a joint such as 'right_knee_flexion'"
-                )
-            check_number(f"bias_deg of {name}", error, -90.0, 90.0, "deg")
+        allowed = "a table of joints, each with its error [deg]"
+        check_kind("bias_deg", self.bias_deg, Mapping, allowed)
+        if unknown := [name for name in self.bias_deg if name not in INDEX]:
+            raise InputError(
+                f"bias_deg: got {shown(unknown[0])}, allowed a joint such as 'right_knee_flexion'"
+            )
+        check_parameters(self)
 
     @property
     def bias(self) -> np.ndarray:

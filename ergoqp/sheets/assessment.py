@@ -59,8 +59,7 @@ def score_segments(sheet: Sheet, angles: NDArray[np.float64], task: Task) -> dic
     """
     return {
         segment.label(side): score_segment(segment, angles, task, side)
-        for segment in sheet.segments.values()
-        for side in segment.sides
+        for segment, side in sheet.places
     }
 
 
@@ -203,17 +202,11 @@ def explain_segment(
     angle = float(posture[segment.joint(segment.base, joint_side)])
     base = segment.base.scores[segment.base.band(angle)]
     if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
-        parts, total = (
-            [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"],
-            segment.start,
-        )
+        parts = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"]
+        total = segment.start
     else:
         total = segment.start + base
-        name = (
-            f"{segment.label(side)}, {joint_side} knee"
-            if segment.worse_side
-            else segment.label(side)
-        )
+        name = segment.label(side) + (f", {joint_side} knee" if segment.worse_side else "")
         parts = [f"{name} {_amount(segment.base, angle)}, {_band(segment.base, angle)}: {total}"]
     for modifier in segment.modifiers:
         met = []
@@ -277,11 +270,8 @@ def _band(step: StepFunction, angle: float) -> str:
     if high <= 0:
         return f"{-high:.4g} to {-low:.4g}"
     if low < 0:
-        return (
-            f"within {high:.4g}"
-            if low == -high
-            else f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
-        )
+        both = f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
+        return f"within {high:.4g}" if low == -high else both
     return f"{low:.4g} to {high:.4g}"
 
 
@@ -397,15 +387,11 @@ class Assessment:
             InputError: if there is no posture with that number.
         """
         i = self._index(i, "reasons")
-        posture, task, sheet = self.postures[i], self._task.rows(i), self._sheet
+        posture, task = self.postures[i], self._task.rows(i)
         if not self.valid[i]:
             missing = ", ".join(spoken(JOINTS[j]) for j in np.flatnonzero(np.isnan(posture)))
             return [f"not scored: no angle for {missing}"]
-        sentences = [
-            self._segment(segment, side, i)
-            for segment in sheet.segments.values()
-            for side in segment.sides
-        ]
+        sentences = [self._segment(segment, side, i) for segment, side in self._sheet.places]
         sentences += self._composition(i, task)
         for j in np.flatnonzero(self.outside[i]):
             low, high = np.degrees([LOWER[j], UPPER[j]])
@@ -433,12 +419,9 @@ class Assessment:
             return []
         points = {name: int(value) for name, value in self._task.rows(i).points.items()}
         counts = (str(self.arm[i]),) if self.method.arms == "whole" else SIDES
-        places = [
-            (segment, side) for segment in self._sheet.segments.values() for side in segment.sides
-        ]
         return [
             self._segment(segment, side, i)
-            for segment, side in places
+            for segment, side in self._sheet.places
             if side in ("", *counts) and self._scored[segment.label(side)][i] > 1
         ] + [f"{name}: +{value}" for name, value in points.items() if value]
 
@@ -471,15 +454,11 @@ class Assessment:
             int(sheet.tables[t].cells[tuple(scores[axis] - 1 for axis in sheet.tables[t].axes)])
             for t in "AB"
         )
-        load, coupling, activity = (
-            int(task.points[name]) for name in ("load", "coupling", "activity")
-        )
+        names = ("load", "coupling", "activity")
+        load, coupling, activity = (int(task.points[name]) for name in names)
         score_c = int(sheet.tables["C"].cells[table_a + load - 1, table_b + coupling - 1])
-        source = (
-            f"the {self.arm[i]} arm"
-            if self.method.arms == "whole"
-            else "the worse of both arms per segment"
-        )
+        whole = self.method.arms == "whole"
+        source = f"the {self.arm[i]} arm" if whole else "the worse of both arms per segment"
         mass = f"{float(task.load_kg):g} kg{' with shock' if task.shock else ''}"
         final, level = int(self.final[i]), sheet.levels[int(self.band[i])]
         capped = f", at most {final}" if final < score_c + activity else ""
@@ -507,7 +486,7 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         InputError: if an angle is beyond +-180 deg.
     """
     sheet, count = sheet_of(method), len(postures)
-    labels = [segment.label(side) for segment in sheet.segments.values() for side in segment.sides]
+    labels = [segment.label(side) for segment, side in sheet.places]
     scored: dict[str, Scores8] = {name: np.empty(count, dtype=np.int8) for name in labels}
     table_b: dict[str, Scores8] = {side: np.empty(count, dtype=np.int8) for side in SIDES}
     final, valid = np.empty(count, dtype=np.int64), np.empty(count, dtype=bool)
@@ -518,11 +497,8 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         options = task.rows(rows)
         block = score_segments(sheet, _as_read(method, angles), options)
         arms = {side: score_side(sheet, block, side) for side in SIDES}
-        worse = (
-            np.maximum(*arms.values())
-            if method.arms == "whole"
-            else score_worse_segments(sheet, block)
-        )
+        whole = method.arms == "whole"
+        worse = np.maximum(*arms.values()) if whole else score_worse_segments(sheet, block)
         table_a = look_up(sheet, "A", *(block[name] for name in sheet.tables["A"].axes))
         final[rows] = score_final(sheet, table_a, worse, options.points, method.final_max)
         for name, scores in block.items():

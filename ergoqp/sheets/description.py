@@ -183,6 +183,11 @@ class Sheet:
     levels: tuple[str, ...]
     level_starts: tuple[int, ...]
 
+    @property
+    def places(self) -> tuple[tuple[Segment, str], ...]:
+        """Every segment with each of its sides, in the order of the sheet."""
+        return tuple((each, side) for each in self.segments.values() for side in each.sides)
+
     def of_table(self, table: str) -> tuple[Segment, ...]:
         """Return the segments along a table's axes."""
         return tuple(self.segments[name] for name in self.tables[table].axes)

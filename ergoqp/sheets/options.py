@@ -10,12 +10,12 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
-from typing import Any, Final, Literal, TypedDict
+from typing import Any, Final, Literal, TypedDict, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import check_kind, check_number, check_whole, check_word, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import SIDES
 from ergoqp.sheets.description import Sheet, load_description, read_sheet
@@ -23,13 +23,6 @@ from ergoqp.sheets.description import Sheet, load_description, read_sheet
 _DESCRIPTION: Final = load_description("reba")
 _DEFAULT: Final[dict[str, float]] = _DESCRIPTION["numbers"]
 
-_CHOICES: Final = {
-    "band_ends": ("lower", "higher"),
-    "load_ends": ("inner", "lower", "higher"),
-    "trunk_extension": ("worksheet", "capped", "mirrored"),
-    "arms": ("whole", "segments"),
-    "upper_arm": ("flexion", "elevation"),
-}
 _ASCENDING: Final = (
     ("trunk_upright_deg", "trunk_bent_deg", "trunk_deep_deg"),
     ("knee_bent_deg", "knee_deep_deg"),
@@ -162,28 +155,22 @@ class Method:
                 )
 
     def _check(self, name: str, value: Any) -> None:
-        where = f"Method.{name}: got {shown(value)}"
+        what = f"Method.{name}"
         if name in _CHOICES:
-            if not isinstance(value, str) or value not in _CHOICES[name]:
-                raise InputError(f"{where}, allowed: one of {', '.join(map(repr, _CHOICES[name]))}")
+            check_word(what, value, _CHOICES[name])
         elif name == "final_max":
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, (int, np.integer))
-                or not 12 <= value <= 15
-            ):
-                raise InputError(f"{where}, allowed: a whole number from 12 to 15")
-        elif name not in _DEFAULT:
-            if not isinstance(value, (bool, np.bool_)):
-                raise InputError(f"{where}, allowed: True or False")
-        else:
+            check_whole(what, value, 12, 15)
+        elif name in _DEFAULT:
             low = -180.0 if name == "neck_extension_deg" else 0.0
-            high = 180.0 if name.endswith("_deg") else 1000.0
-            number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
-                value, bool
-            )
-            if not number or not low <= value <= high:
-                raise InputError(f"{where}, allowed: a number from {low:g} to {high:g}")
+            check_number(what, value, low, 180.0 if name.endswith("_deg") else 1000.0)
+        else:
+            check_kind(what, value, (bool, np.bool_), "True or False")
+
+
+_CHOICES: Final = {
+    name: get_args(hint) for name, hint in get_type_hints(Method).items() if get_args(hint)
+}
+"""The words of each option that is one of several."""
 
 
 def read_method(method: Method | None) -> Method:
@@ -321,9 +308,7 @@ def read_task(sheet: Sheet, count: int | None, options: Mapping[str, Any]) -> Ta
         bad = load[~(np.isfinite(load) & (load >= 0))].flat[0]
         raise InputError(f"load_kg: got {bad:g}, allowed: a finite mass of 0 kg or more")
     shocks = _flags("shock", given["shock"], count)
-    points = {
-        "load": (sheet.load.score(load) + sheet.shock * shocks).astype(np.int8),
-    }
+    points = {"load": (sheet.load.score(load) + sheet.shock * shocks).astype(np.int8)}
     for name in ("coupling", "activity"):
         points[name] = whole_numbers(name, given[name], 0, sheet.points[name], count)
     flags: dict[str, NDArray[np.bool_] | Pair] = {
@@ -383,12 +368,8 @@ def _pair(name: str, value: tuple[ArrayLike, ArrayLike], count: int | None) -> P
 def _shaped(name: str, array: NDArray, count: int | None) -> NDArray:
     if array.ndim == 0 or count == -1 or (count is not None and array.shape == (count,)):
         return array
-    allowed = (
-        "a single value"
-        if count is None
-        else f"a single value or one per posture, shape ({count},)"
-    )
-    raise InputError(f"{name}: got shape {array.shape}, allowed: {allowed}")
+    rows = "" if count is None else f" or one per posture, shape ({count},)"
+    raise InputError(f"{name}: got shape {array.shape}, allowed: a single value{rows}")
 
 
 def _or_row(count: int | None) -> str:

@@ -207,13 +207,6 @@ class Pattern:
     high: Mask
     low: Mask
 
-    @property
-    def key(self) -> bytes:
-        """Bytes that are the same for the same pattern."""
-        return np.concatenate(
-            [self.fixed_rows, self.fixed, self.above, self.below, self.high, self.low]
-        ).tobytes()
-
     def equalities(self, qp: Qp) -> tuple[Array, Array]:
         """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
         matrix = np.concatenate([qp.A[self.fixed_rows], np.eye(len(self.fixed))[self.fixed]])
@@ -225,12 +218,7 @@ class Pattern:
         matrix = np.concatenate(
             [qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]]
         )
-        bounds = (
-            qp.ubA[self.above],
-            -qp.lbA[self.below],
-            qp.ub[self.high],
-            -qp.lb[self.low],
-        )
+        bounds = qp.ubA[self.above], -qp.lbA[self.below], qp.ub[self.high], -qp.lb[self.low]
         return matrix, np.concatenate(bounds)
 
     def multipliers(self, equal: Array, unequal: Array) -> tuple[Array, Array]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import call_by_name, dense, is_set, largest
+from ergoqp.expressions import call_by_name, is_set, largest
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.problem.problem import Problem
@@ -26,45 +25,6 @@ from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.rest import BACK, LOOK, THERE
 from ergoqp.step.rows import limit_values
 
-
-@dataclass(frozen=True, eq=False)
-class Account:
-    """The outputs of the function of a step.
-
-    Attributes:
-        status: status of the step, in words.
-        values: all outputs, one after the other.
-        parts: position of each of `ergoqp.step.function.OUTPUTS` in `values`.
-    """
-
-    status: str
-    values: np.ndarray
-    parts: Mapping[str, slice]
-
-    def __call__(self, name: str) -> np.ndarray:
-        """Return one output by its name."""
-        return self.values[self.parts[name]]
-
-    @property
-    def residuals(self) -> dict[str, float]:
-        """Residuals of the step by name: ``qp``, ``contact`` and ``accepted``.
-
-        ``qp`` is the largest KKT residual. ``contact`` is the contact motion that the posture
-        cannot follow [m/s, rad/s]. ``accepted`` is the certified share of the way from braking to
-        the QP's answer.
-        """
-        qp, contact, accepted = self("residuals").tolist()
-        return {"qp": qp, "contact": contact, "accepted": accepted}
-
-    @property
-    def drawn(self) -> int:
-        """Phase of `ergoqp.step.rest` in which the guide leads; else 0.
-
-        The guide leads on the way to the place, during the wait there, and on the way back.
-        """
-        return int(self("drawn")[0]) if "drawn" in self.parts else 0
-
-
 _DRAWN: Final = {
     THERE: "drawn toward the given place",
     LOOK: "at the given place, waiting for the person",
@@ -72,32 +32,21 @@ _DRAWN: Final = {
 }
 
 
-def reason_of(
-    problem: Problem,
-    account: Account,
-    posture: np.ndarray,
-    dt: float,
-    age: float,
-    notes: Mapping[str, str],
-) -> str:
+def reason_of(step: Step, notes: Mapping[str, str]) -> str:
     """Return the reason of a step; empty for a plain optimal step.
 
     Args:
-        problem: the task.
-        account: account of the step.
-        posture: posture as given (32,) [rad].
-        dt: period as given [s].
-        age: age as given [s].
+        step: the step.
         notes: what was wrong with inputs before they became numbers, by their name.
     """
+    problem, account = step._problem, step.account
     log = [notes[name] for name in ("late", "log") if name in notes]
-    status, margins = Status[account.status], account("margins")
+    status, margins = Status[step.status], account("margins")
     causes = [cause for cause in Cause if int(account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
         causes = [cause for cause in causes if cause is not Cause.no_frame]
     if status >= Status.braking:
-        said = [_cause(problem, cause, account, posture, dt, age, notes) for cause in causes]
-        return "; ".join([*said, *log])
+        return "; ".join([*(_cause(step, cause, notes) for cause in causes), *log])
     parts = []
     names = problem.row_names
     limits = [limit for limit in problem.row_limits for _ in limit.names]
@@ -114,15 +63,13 @@ def reason_of(
         # Those of the object do not: the certification is exact there.
         soft = [not limit.hard for limit in limits]
         used = [names[i] for i in np.flatnonzero((account("slack") > 1e-6) & soft)]
-        parts.append(
-            "braking alone would pass these limits, so they give way: "
-            + ", ".join(map(spoken, used))
-        )
-    if account.drawn:
-        parts.append(_DRAWN[account.drawn])
+        names_used = ", ".join(map(spoken, used))
+        parts.append(f"braking alone would pass these limits, so they give way: {names_used}")
+    if step.drawn:
+        parts.append(_DRAWN[step.drawn])
     if "guide" in notes:
         parts.append(notes["guide"])
-    if status == Status.settled and not account.drawn:
+    if status == Status.settled and not step.drawn:
         parts.append("at rest: moving would gain too little")
     tolerance, recovers = (
         limit_values(problem.row_limits, name) for name in ("tolerance", "recovers")
@@ -157,39 +104,23 @@ def _noise(problem: Problem, name: str) -> float:
     return float(np.radians(robot.pose_noise_deg)) if name == "tool axis" else robot.pose_noise
 
 
-def _cause(
-    problem: Problem,
-    cause: Cause,
-    account: Account,
-    posture: np.ndarray,
-    dt: float,
-    age: float,
-    notes: Mapping[str, str],
-) -> str:
-    if cause is Cause.posture:
-        return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
-    if cause is Cause.pose:
-        return notes.get(
-            "pose", "pose is not finite, over 100 m away or not a rigid motion: is it in m?"
-        )
-    if cause is Cause.twist:
-        return notes.get("twist", "twist is not finite or huge")
-    if cause is Cause.disabled:
-        return notes.get("enable", "not enabled")
-    if cause is Cause.frames:
-        return frames_sentence(problem, account("frames"))
-    if cause is Cause.robot:
-        kind, amount = account("fault").tolist()
-        return fault_sentence(int(kind), amount)
-    if cause is Cause.asked:
-        return notes.get("deadline", "asked to brake")
-    if cause is Cause.term:
-        return notes.get("term") or _no_number(problem, account)
-    if cause is Cause.dt and "dt" in notes:
-        return notes["dt"]
-    if cause is Cause.age and "age" in notes:
-        return notes["age"]
+def _cause(step: Step, cause: Cause, notes: Mapping[str, str]) -> str:
+    problem, (posture, dt, age) = step._problem, step._seen
+    noted = {Cause.disabled: "enable", Cause.asked: "deadline"}.get(cause, cause.name)
+    if cause is Cause.posture and "posture" not in notes:
+        noted = "observed"
+    if noted in notes:
+        return notes[noted]
+    kind, amount = step.account("fault").tolist()
     return {
+        Cause.posture: _bad_posture(problem, posture),
+        Cause.pose: "pose is not finite, over 100 m away or not a rigid motion: is it in m?",
+        Cause.twist: "twist is not finite or huge",
+        Cause.disabled: "not enabled",
+        Cause.frames: frames_sentence(problem, step.account("frames")),
+        Cause.robot: fault_sentence(int(kind), amount),
+        Cause.asked: "asked to brake",
+        Cause.term: _no_number(step),
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: (
             f"age is {age:g} s, allowed at least 0 (a stamp up to {1e3 * CLOCK_ROUNDING:g} ms ahead"
@@ -197,7 +128,7 @@ def _cause(
         ),
         Cause.no_frame: "no posture arrived",
         Cause.too_old: f"the posture is {age:.4g} s old, allowed {problem.control.max_age:.3f} s",
-        Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
+        Cause.not_solved: f"the QP was not solved: residual {step.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
         Cause.unmeasured: f"no pose, and the robot is declared to {_unmeasured(problem.robot)}",
         Cause.halted: "comes to rest before it moves again",
@@ -208,7 +139,7 @@ def _cause(
             f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
             "the longest hold of the robot"
         ),
-        Cause.no_way_out: _no_way_out(problem, account("margins")),
+        Cause.no_way_out: _no_way_out(problem, step.account("margins")),
         Cause.short_periods: (
             f"the last periods were much shorter than the loop's {problem.dt:g} s: "
             "give the stepper its own dt"
@@ -218,14 +149,10 @@ def _cause(
 
 def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
     """Return where the object is that no straight way leads out of."""
+    limits = (limit for limit in problem.row_limits for _ in limit.names)
     found = [
         f"{getattr(limit, 'violation_label', 'outside')} {name}"
-        for limit, name, margin in zip(
-            (limit for limit in problem.row_limits for _ in limit.names),
-            problem.row_names,
-            margins,
-            strict=True,
-        )
+        for limit, name, margin in zip(limits, problem.row_names, margins, strict=True)
         if limit.hard and margin < -limit.tolerance
     ]
     return (
@@ -234,8 +161,9 @@ def _no_way_out(problem: Problem, margins: np.ndarray) -> str:
     )
 
 
-def _no_number(problem: Problem, account: Account) -> str:
+def _no_number(step: Step) -> str:
     """Return which terms gave no usable number."""
+    problem, account = step._problem, step.account
     if not account("pose_used")[-1]:
         return "response: got a contact that is no rigid pose, allowed one within 100 m"
     flags = account("amiss") > 0.5
@@ -329,7 +257,7 @@ class Step:
     ) -> None:
         """Keep the outputs of the step function; the members are read from them on demand."""
         self.twist, self.status = twist, status
-        self._problem, self._outputs = problem, (status, account, parts)
+        self._problem, self._values, self._parts = problem, account, parts
         self._seen, self._notes = seen, notes
         self.solve_time = time.perf_counter() - start
 
@@ -338,16 +266,12 @@ class Step:
         twist = np.array2string(self.twist, precision=4, suppress_small=True)
         return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
 
-    @cached_property
-    def _account(self) -> Account:
-        return Account(*self._outputs)
-
     def account(self, name: str) -> np.ndarray:
         """Return an output (k,) of the step function, by its name.
 
         The names are those of `ergoqp.step.function.OUTPUTS`.
         """
-        return self._account(name)
+        return self._values[self._parts[name]]
 
     @property
     def pose(self) -> np.ndarray:
@@ -377,7 +301,8 @@ class Step:
         cannot follow [m/s, rad/s]. ``accepted`` is the certified share of the way from braking to
         the QP's answer.
         """
-        return self._account.residuals
+        qp, contact, accepted = self.account("residuals").tolist()
+        return {"qp": qp, "contact": contact, "accepted": accepted}
 
     @property
     def drawn(self) -> int:
@@ -385,17 +310,17 @@ class Step:
 
         The guide leads on the way to the place, during the wait there, and on the way back.
         """
-        return self._account.drawn
+        return int(self.account("drawn")[0]) if "drawn" in self._parts else 0
 
     @cached_property
     def reason(self) -> str:
         """One sentence that names the cause; empty for a plain optimal step."""
-        posture, dt, age = self._seen
+        _, dt, _ = self._seen
         notes = self._notes
         if "slow" in notes and self.solve_time > dt:
             late = f"the step took {1e3 * self.solve_time:.3g} ms of its period of {1e3 * dt:g} ms"
             notes = {**notes, "late": f"{late}; the slowest term is {notes['slow']}"}
-        return reason_of(self._problem, self._account, posture, dt, age, notes)
+        return reason_of(self, notes)
 
     @cached_property
     def margins(self) -> dict[str, float]:
@@ -430,33 +355,6 @@ class Step:
         )
 
 
-_ACCOUNTED: Final = (
-    "posture",
-    "observed",
-    "readings",
-    "pose",
-    "dt",
-    "S",
-    "residual",
-    "usable",
-    "E",
-    "slack",
-    "multipliers",
-    "causes",
-    "wanted",
-    "brake",
-    "now",
-    "solved",
-    "outside",
-    "next_rest",
-    "share",
-    "unusable",
-    "begun",
-    "own",
-    "sent",
-)
-
-
 def account_function(model: StepModel) -> ca.Function:
     """Return the twist that is sent, and its account.
 
@@ -465,7 +363,7 @@ def account_function(model: StepModel) -> ca.Function:
         all_multipliers, residuals)``; slack and multipliers are those of all rows (r,).
     """
     problem, movable = model.problem, model.movable
-    signals, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
+    signals, count = model.symbols(kind=ca.MX), len(problem.row_names)
     limits, now = problem.row_limits, signals["now"]
     margins = Margins(model, signals)
     tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
@@ -473,12 +371,10 @@ def account_function(model: StepModel) -> ca.Function:
     # the certification is exact there.
     held = now[movable, 0] >= -tolerance[movable, 0]
     used = largest(soft[movable, 0] * signals["slack"] * held) > 10 * TOLERANCE
-    given = signals | {"used": used, "any_outside": largest(signals["outside"])}
-    found = call_by_name(_close_function(model), given)
+    any_outside = largest(signals["outside"])
+    found = call_by_name(_close_function(model), signals, used=used, any_outside=any_outside)
     twist = found["twist"]
-    rate = _model_rate(
-        limits, model.context(signals, signals["S"]), signals["S"] @ twist, signals["dt"]
-    )
+    rate = _model_rate(limits, margins.context, signals["S"] @ twist, signals["dt"])
     slack, multipliers = (
         _spread(signals[name], movable, count) for name in ("slack", "multipliers")
     )
@@ -486,34 +382,12 @@ def account_function(model: StepModel) -> ca.Function:
     # has given way as well, and is named.
     slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
     found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
-    outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("account", list(signals.values()), outputs, list(signals), list(found))
-
-
-_CLOSED: Final = (
-    "posture",
-    "dt",
-    "residual",
-    "usable",
-    "E",
-    "causes",
-    "wanted",
-    "brake",
-    "solved",
-    "next_rest",
-    "share",
-    "unusable",
-    "begun",
-    "own",
-    "sent",
-    "used",
-    "any_outside",
-)
+    return signals.function("account", found)
 
 
 def _close_function(model: StepModel) -> ca.Function:
     """Return the function for the planned twist, the sent twist, and the status of the step."""
-    problem, sx = model.problem, model.symbols(_CLOSED)
+    problem, sx = model.problem, model.symbols()
     share = largest(sx["share"])
     fits = ca.logic_and(sx["solved"], ca.logic_not(sx["unusable"]))
     accepted = ca.logic_and(ca.logic_and(sx["usable"], fits), share > 0)
@@ -525,12 +399,10 @@ def _close_function(model: StepModel) -> ca.Function:
     if problem.average:
         # A mean keeps the acceleration by itself while the history is long enough.
         change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
-        sent = ca.fmin(
-            ca.fmax(sx["begun"] + sx["own"] * planned, sx["sent"] - change), sx["sent"] + change
-        )
-    failed = ca.if_else(
-        sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved
-    )
+        mean = sx["begun"] + sx["own"] * planned
+        sent = ca.fmin(ca.fmax(mean, sx["sent"] - change), sx["sent"] + change)
+    certified = 2.0**Cause.not_certified * (share <= 0)
+    failed = ca.if_else(sx["solved"], certified, 2.0**Cause.not_solved)
     failed = ca.if_else(sx["unusable"], 2.0**Cause.term, failed)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
     status = ca.if_else(is_set(sx["next_rest"][0]), int(Status.settled), int(Status.optimal))
@@ -542,16 +414,8 @@ def _close_function(model: StepModel) -> ca.Function:
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ sent))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
     still = ca.sumsqr(planned) + ca.sumsqr(sent) <= 0
-    found = {
-        "planned": planned,
-        "twist": sent,
-        "still": still,
-        "status": status,
-        "all_causes": causes,
-        "residuals": residuals,
-    }
-    outputs = ca.cse(dense(list(found.values())))
-    return ca.Function("close", list(sx.values()), outputs, list(sx), list(found))
+    found = {"planned": planned, "twist": sent, "still": still, "status": status}
+    return sx.function("close", found | {"all_causes": causes, "residuals": residuals})
 
 
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:

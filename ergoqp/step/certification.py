@@ -18,7 +18,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import call_by_name, dense, is_set, largest, marked, smallest
+from ergoqp.expressions import call_by_name, is_set, largest, marked, smallest
 from ergoqp.limits import Limit, LimitContext, Rows
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import on_surface
@@ -27,18 +27,19 @@ from ergoqp.solvers.solver import FREE
 from ergoqp.step.model import PLACE, StepModel
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.rest import rest_update, trial_update
-from ergoqp.step.rows import MOVES, bends, patience
+from ergoqp.step.rows import MOVES, patience
 
-_HERE = ("posture", "observed", "readings", "pose", "S")
+_HERE = ("posture", "observed", "readings", "pose")
 
 
-_LANDED = ("posture", "observed", "readings", "landed", "way", "shift", "S")
+_LANDED = ("posture", "observed", "readings", "landed", "way", "shift")
 
 
 class Margins:
     """The rows of all limits at the present pose, and their margins from the landing pose.
 
     Attributes:
+        context: the context of all linear limits at the present pose.
         matrices: rate of each quantity per twist, (m, 6) for each limit.
         rates: largest allowed rate, (m,) for each limit; inf if there is none.
         now: present margin of every row (r,).
@@ -53,24 +54,16 @@ class Margins:
                 `ahead` also ``landed``, ``way`` and ``shift``.
         """
         self._model, self._signals = model, signals
-        context = model.context(here(signals), signals["S"])
-        self.matrices, self.rates, still = [], [], []
-        for limit in model.problem.row_limits:
-            if _linear(limit):
-                rows = limit.rows(context)
-                matrix, rate, margins = (
-                    rows.matrix,
-                    rows.rate,
-                    ca.fmin(rows.to_lower, rows.to_upper),
-                )
-                margins = with_nan(model, limit, rows, margins)
-            else:
-                found = call_by_name(_curved_here(model, limit), signals)
-                matrix, rate, margins = found["matrix"], found["rate"], found["margins"]
-            self.matrices.append(matrix)
-            self.rates.append(rate)
-            still.append(margins)
-        self.now = ca.vertcat(*still)
+        self.context = model.context({name: signals[name] for name in _HERE}, signals["S"])
+        found = [
+            _margins_here(model, limit, self.context)
+            if _linear(limit)
+            else call_by_name(_curved_here(model, limit), signals)
+            for limit in model.problem.row_limits
+        ]
+        self.matrices = [each["matrix"] for each in found]
+        self.rates = [each["rate"] for each in found]
+        self.now = ca.vertcat(*(each["margins"] for each in found))
 
     def ahead(self, ways: ca.MX) -> ca.MX:
         """Return the smallest margin of each row (r,) on straight paths to further displacements.
@@ -84,7 +77,7 @@ class Margins:
                 found.append(smallest_margins(limit, contexts, ways))
             else:
                 curved = _curved_ahead(self._model, limit, ways.shape[1])
-                found.append(call_by_name(curved, {**self._signals, "ways": ways})["margins"])
+                found.append(call_by_name(curved, self._signals, ways=ways)["margins"])
         return ca.vertcat(*found)
 
 
@@ -94,14 +87,19 @@ def _linear(limit: Limit) -> bool:
 
 
 def _curved_here(model: StepModel, limit: Limit) -> ca.Function:
-    """``(*_HERE) -> (matrix, rate, present margins)`` of one limit."""
+    """``(*_HERE, S) -> (matrix, rate, present margins)`` of one limit."""
     sx = model.symbols(_HERE)
     context = model.context(sx, model.sparse(sx["S"]))
+    return sx.function("curved_here", _margins_here(model, limit, context))
+
+
+def _margins_here(model: StepModel, limit: Limit, context: LimitContext) -> dict[str, Expression]:
+    """Return matrix, rate and present margins of one limit."""
     rows = limit.rows(context)
-    margins = with_nan(model, limit, rows, limit.margins(context, ca.SX(6, 1)))
-    still = [rows.matrix, rows.rate, margins]
-    names = ["matrix", "rate", "margins"]
-    return ca.Function("curved_here", list(sx.values()), ca.cse(dense(still)), list(sx), names)
+    straight = ca.fmin(rows.to_lower, rows.to_upper)
+    margins = straight if _linear(limit) else limit.margins(context, ca.SX(6, 1))
+    margins = with_nan(model, limit, rows, margins)
+    return {"matrix": rows.matrix, "rate": rows.rate, "margins": margins}
 
 
 def with_nan(model: StepModel, limit: Limit, rows: Rows, margins: Expression) -> Expression:
@@ -113,12 +111,11 @@ def with_nan(model: StepModel, limit: Limit, rows: Rows, margins: Expression) ->
 
 
 def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
-    """``(*_LANDED, ways) -> margins`` of one limit; ways are (6, count)."""
-    sx, ways = model.symbols(_LANDED), ca.SX.sym("ways", 6, count)
+    """``(*_LANDED, S, ways) -> margins`` of one limit; ways are (6, count)."""
+    sx = model.symbols(_LANDED)
+    ways = sx.inputs["ways"] = ca.SX.sym("ways", 6, count)
     contexts = contexts_of(model, sx, model.sparse(sx["S"]), ways)
-    margins = ca.cse(dense([smallest_margins(limit, contexts, ways)]))
-    names = [*sx, "ways"]
-    return ca.Function("curved_ahead", [*sx.values(), ways], margins, names, ["margins"])
+    return sx.function("curved_ahead", {"margins": smallest_margins(limit, contexts, ways)})
 
 
 def contexts_of(
@@ -128,8 +125,8 @@ def contexts_of(
 
     A robot that holds does so either with what is under way, or with the twist.
     """
-    law = model.problem.stop
-    found = [model.context(signals, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    law, there = model.problem.stop, {name: signals[name] for name in _LANDED}
+    found = [model.context(there, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
     if law.average:
         found = [
             replace(context, overshoot=ways[:, -2], overshoot_bound=ways[:, -1])
@@ -150,13 +147,6 @@ def smallest_margins(
         on = limit.margins(context, ways[:, column])
         margins = on if margins is None else marked(ca.fmin(margins, on), margins, on)
     return margins
-
-
-def here(signals: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Return the symbols of the present pose, without those of the landing pose."""
-    return {
-        name: value for name, value in signals.items() if name not in ("landed", "way", "shift")
-    }
 
 
 AHEAD: Final = "a value on the way ahead"
@@ -195,8 +185,7 @@ def amiss(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
 
 
 def _amiss_function(model: StepModel) -> ca.Function:
-    names = dict.fromkeys((*_FINITE, "now", "ahead", "shift", *PLACE))
-    mx = model.symbols(names, ca.MX)
+    mx = model.symbols(kind=ca.MX)
     sums = ca.vertcat(*(ca.sumsqr(mx[name]) for name in _FINITE))
     rows = [mx["now"], mx["ahead"]]
     if model.watched:
@@ -204,8 +193,7 @@ def _amiss_function(model: StepModel) -> ca.Function:
         rows.append(landed(*(mx[name] for name in landed.name_in())))
     squares: Expression = sum(row**2 for row in rows)
     flags = ca.logic_not(ca.vertcat(sums < ca.inf, squares <= ca.inf))
-    outputs = [ca.densify(flags), ca.mmax(flags)]
-    return ca.Function("amiss", list(mx.values()), outputs, list(mx), ["amiss", "unusable"])
+    return mx.function("amiss", {"amiss": flags, "unusable": ca.mmax(flags)})
 
 
 def _landed_rows(model: StepModel) -> ca.Function:
@@ -235,28 +223,6 @@ GIVES_WAY: Final = 1e-3
 
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
-_JUDGED: Final = (
-    "posture",
-    "observed",
-    "readings",
-    "pose",
-    "landed",
-    "way",
-    "shift",
-    "previous",
-    "dt",
-    "away",
-    "doubted",
-    "gain",
-    "total",
-    "xi",
-    "S",
-    "residual",
-    "usable",
-    "rest",
-)
-_JOURNEY: Final = ("promise", "value", "trial", "distance", "on")
-
 
 def judge_function(model: StepModel) -> ca.Function:
     """Return what the object should do by this answer, and whether this is certified unchanged.
@@ -270,18 +236,17 @@ def judge_function(model: StepModel) -> ca.Function:
         whether the wanted twist holds, and with a guide the next trial.
     """
     problem = model.problem
-    signals = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
+    signals = model.symbols(kind=ca.MX)
     margins = Margins(model, signals)
     now, count = margins.now, len(problem.row_names)
     away = ca.fmax(signals["away"][:count], signals["away"][count:]) > 0
     if problem.surface is not None:
         # A surface has no ends. A distance from it counts as outside.
-        on = ca.DM(
-            [float(limit is problem.surface) for limit in problem.row_limits for _ in limit.names]
-        )
+        limits = (limit for limit in problem.row_limits for _ in limit.names)
+        on = ca.DM([float(limit is problem.surface) for limit in limits])
         away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
     outside = ca.logic_and(away, _moves(problem, margins))
-    found = call_by_name(_decide_function(model), signals | {"must_move": largest(outside)})
+    found = call_by_name(_decide_function(model), signals, must_move=largest(outside))
     ways = found.pop("ways")
     ahead = margins.ahead(ways)
     found |= {"now": now, "ahead": ahead, "outside": outside}
@@ -289,8 +254,7 @@ def judge_function(model: StepModel) -> ca.Function:
     found["whole"] = is_set(smallest(ahead >= _floor(model, now - signals["doubted"]), 1.0))
     if watched := model.watched_rows:
         found["whole"] = ca.logic_and(found["whole"], ca.sumsqr(now[watched]) <= ca.inf)
-    outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("judge", list(signals.values()), outputs, list(signals), list(found))
+    return signals.function("judge", found)
 
 
 def _decide_function(model: StepModel) -> ca.Function:
@@ -299,8 +263,7 @@ def _decide_function(model: StepModel) -> ca.Function:
     Both can be sent as they are. The stop of the first one, the rest and the trial are returned
     too.
     """
-    problem, guided = model.problem, model.guided
-    sx = model.symbols((*_JUDGED, "must_move", *(_JOURNEY if guided else ())))
+    problem, sx = model.problem, model.symbols(_LANDED)
     dt, stop = sx["dt"], problem.stop
     context = model.context(sx, model.sparse(sx["S"]))
     brake = on_surface(stop.braking(sx["previous"], dt), context, sx["usable"])
@@ -312,8 +275,8 @@ def _decide_function(model: StepModel) -> ca.Function:
         problem.control, sx["rest"], sx["gain"], sx["total"], sx["must_move"], dt, counts
     )
     trial = {}
-    if guided:
-        journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["value"])
+    if model.guided:
+        journey = (sx[name] for name in ("landed", "distance", "on", "promise", "value"))
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
         trial = {"next_trial": next_trial}
     wanted = ca.if_else(
@@ -326,32 +289,8 @@ def _decide_function(model: StepModel) -> ca.Function:
     wanted, slowest = (
         _kept(problem, context, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
     )
-    found = {
-        "wanted": wanted,
-        "brake": slowest,
-        "ways": stop.ways(wanted, dt),
-        "solved": solved,
-        "next_rest": rest,
-        **trial,
-    }
-    outputs = ca.cse(dense(list(found.values())))
-    return ca.Function("decide", list(sx.values()), outputs, list(sx), list(found))
-
-
-_SHORTENED: Final = (
-    "posture",
-    "observed",
-    "readings",
-    "landed",
-    "way",
-    "shift",
-    "dt",
-    "S",
-    "wanted",
-    "brake",
-    "now",
-    "doubted",
-)
+    found = {"wanted": wanted, "brake": slowest, "ways": stop.ways(wanted, dt)}
+    return sx.function("decide", found | {"solved": solved, "next_rest": rest, **trial})
 
 
 def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
@@ -359,10 +298,8 @@ def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     shorten = _shorten_function(model)
     all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     choose = ca.Function.if_else("shorten_or_not", shorten, all_of_it)
-    return choose(
-        model.if_needed(ca.logic_not(signals["whole"])),
-        *(signals[name] for name in shorten.name_in()),
-    )
+    needed = model.if_needed(ca.logic_not(signals["whole"]))
+    return choose(needed, *(signals[name] for name in shorten.name_in()))
 
 
 def _shorten_function(model: StepModel) -> ca.Function:
@@ -375,7 +312,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
     workspace. What held before must hold through the stop. What did not hold must not get worse. No
     more is required than braking achieves.
     """
-    problem, sx = model.problem, model.symbols(_SHORTENED)
+    problem, sx = model.problem, model.symbols(_LANDED)
     S = model.sparse(sx["S"])
     context = model.context(sx, S)
     at_braking = _margins(model, sx, S, sx["brake"], sx["dt"])
@@ -386,14 +323,11 @@ def _shorten_function(model: StepModel) -> ca.Function:
         candidates += [candidate * part for candidate in _SHARES[::2] for part in (shift, turn)]
     shares = ca.SX(6, 1)
     for candidate in reversed(candidates):
-        twist = _kept(
-            problem, context, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
-        )
+        shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
+        twist = _kept(problem, context, shorter, sx["dt"])
         holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
-    return ca.Function(
-        "shorten", list(sx.values()), ca.cse([ca.densify(shares)]), list(sx), ["share"]
-    )
+    return sx.function("shorten", {"share": shares})
 
 
 def _kept(
@@ -405,9 +339,8 @@ def _kept(
     """
     if problem.surface is None:
         return twist
-    return problem.surface.retract(
-        context.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * signals
-    )
+    acceleration = ca.DM(problem.twist_limit.acceleration) * signals
+    return problem.surface.retract(context.posture, twist, dt, acceleration)
 
 
 def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
@@ -440,10 +373,9 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
     held = ca.fmin(now, 0)
-    capped = (bends(problem.row_limits) > 0) & (problem.average > _LONG)
-    inherits = ca.DM(
-        np.where(capped, _INHERITS + 3 * float(np.linalg.norm(problem.robot.noise[3:])), FREE)
-    )
+    capped = (model.values("curvature") > 0) & (problem.average > _LONG)
+    noise = float(np.linalg.norm(problem.robot.noise[3:]))
+    inherits = ca.DM(np.where(capped, _INHERITS + 3 * noise, FREE))
     hard_floor = held + (1 - margin_is_lower_bound) * ca.fmin(braked - held, 0)
     hard_floor = ca.fmax(hard_floor, ca.if_else(now < -inherits, -FREE, -inherits)) - HELD
     return ca.if_else(hard, hard_floor, soft_floor)

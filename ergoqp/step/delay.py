@@ -18,8 +18,7 @@ these shares, and by the part of u that the mean has not sent yet.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
@@ -29,9 +28,13 @@ from ergoqp.expressions import Shape, call_by_name, dense, shifted, vectors, wri
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.step.layout import ASTRAY, LONGEST_DT, SHORTEST_DT, count, remaining_seconds, split
 from ergoqp.step.model import StepModel
+from ergoqp.step.rows import limit_values
 
 _AT_ALL: Final = 1e-9
 """Durations below this count as zero [s]."""
+
+_BY_AGES: Final = ("period", "dt_ok", "aged", "idled", "own", "fits", "parked")
+"""Parts of the motion under way that follow from the ages of the periods alone."""
 
 
 def weights_function(model: StepModel) -> ca.Function:
@@ -116,81 +119,46 @@ def _holds_all(model: StepModel, ages: ca.SX, dt: ca.SX) -> ca.SX:
     return found
 
 
-@dataclass(frozen=True)
-class PendingMotion:
-    """The motion of the object from its measured pose to the landing pose.
+def under_way(
+    model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors
+) -> dict[str, ca.MX]:
+    """Return the motion of the object from its measured pose to the landing pose.
 
-    The object comes to rest there if the planned twist is zero from now on.
+    The object comes to rest there if the planned twist is zero from now on. The parts are:
 
-    Attributes:
-        total: displacement (6,) [m, rad].
-        twists: the pieces of the motion under way (6, k).
-        seconds: for how long each piece still acts (k,) [s].
-        weights: weights of the planned twists in the mean, which are the first pieces (n,). None:
-            every twist is sent as planned.
-        tail: part of what is older than the pieces, positive and negative (6, 2) [m, rad]. None:
-            zero.
-        clung: what a lagging robot may still have to do of one hold of older twists, along each
-            axis and against it (6, 2) [m, rad]. None: zero.
-        turn: largest angle of the part that the robot may have done already [rad]. None: zero.
-        owed: displacement of the part that was sent (6,) [m, rad].
-        up: largest displacement that the robot may still do along each axis (6,) [m, rad].
-        down: the same against each axis (6,) [m, rad].
-        previous: twist that was planned last (6,).
-        sent: twist that was sent last (6,).
-        lasted: how long it was sent [s].
-        changed: decrease of `owed` since a period ago (6,) [m, rad].
-        slowest: smallest twist (6,) in the last period of a robot that does no more than it was
-            sent.
-        fastest: its largest twist (6,).
-        swift: its largest possible speed now, along each axis and against it (6, 2). None: that of
-            the sent twists.
-        dt: period [s].
-        dt_ok: whether the given period was usable.
-        aged: ages of the ends of the earlier periods at the end of this one, as many as are kept
-            (k,) [s].
-        idled: how long everything will have stood still then, if it does [s].
-        begun: part of the sent twist that does not depend on the new plan (6,).
-        own: share of the new planned twist in the sent twist.
-        fits: whether the history is still long enough after the period. It is not if periods are
-            too short.
-        parked: whether only zeros were planned and sent for at least W and the dead time.
-    """
-
-    total: ca.MX
-    twists: ca.MX
-    seconds: ca.MX
-    weights: ca.MX | None
-    tail: ca.MX | None
-    clung: ca.MX | None
-    turn: ca.MX | None
-    owed: ca.MX
-    up: ca.MX
-    down: ca.MX
-    previous: ca.MX
-    sent: ca.MX
-    lasted: ca.MX
-    changed: ca.MX
-    slowest: ca.MX
-    fastest: ca.MX
-    swift: ca.MX | None
-    dt: ca.MX
-    dt_ok: ca.MX
-    aged: ca.MX
-    idled: ca.MX
-    begun: ca.MX
-    own: ca.MX
-    fits: ca.MX
-    parked: ca.MX
-
-    @property
-    def parts(self) -> dict[str, ca.MX]:
-        """All parts that are not None, by name."""
-        return {name: part for name, part in vars(self).items() if part is not None}
-
-
-def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> PendingMotion:
-    """Return the motion under way at the start of a period.
+    - ``total``: displacement (6,) [m, rad].
+    - ``twists``: the pieces of the motion under way (6, k).
+    - ``seconds``: for how long each piece still acts (k,) [s].
+    - ``weights``: weights of the planned twists in the mean, which are the first pieces (n,). Left
+      out if every twist is sent as planned.
+    - ``tail``: part of what is older than the pieces, positive and negative (6, 2) [m, rad]. Left
+      out where it is zero.
+    - ``clung``: what a lagging robot may still have to do of one hold of older twists, along each
+      axis and against it (6, 2) [m, rad]. Left out where it is zero.
+    - ``turn``: largest angle of the part that the robot may have done already [rad]. Left out where
+      it is zero.
+    - ``owed``: displacement of the part that was sent (6,) [m, rad].
+    - ``up``: largest displacement that the robot may still do along each axis (6,) [m, rad].
+    - ``down``: the same against each axis (6,) [m, rad].
+    - ``previous``: twist that was planned last (6,).
+    - ``sent``: twist that was sent last (6,).
+    - ``lasted``: how long it was sent [s].
+    - ``changed``: decrease of ``owed`` since a period ago (6,) [m, rad].
+    - ``slowest``: smallest twist (6,) in the last period of a robot that does no more than it was
+      sent.
+    - ``fastest``: its largest twist (6,).
+    - ``swift``: its largest possible speed now, along each axis and against it (6, 2). Left out if
+      that is the speed of the sent twists.
+    - ``period``: the period [s].
+    - ``dt_ok``: whether the given period was usable.
+    - ``aged``: ages of the ends of the earlier periods at the end of this one, as many as are kept
+      (k,) [s].
+    - ``idled``: how long everything will have stood still then, if it does [s].
+    - ``begun``: part of the sent twist that does not depend on the new plan (6,).
+    - ``own``: share of the new planned twist in the sent twist.
+    - ``fits``: whether the history is still long enough after the period. It is not if periods are
+      too short.
+    - ``parked``: whether only zeros were planned and sent for at least W and the dead time.
 
     Args:
         model: model of the step.
@@ -200,70 +168,57 @@ def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vector
     """
     sizes = model.history.sizes
     symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
-    parts = _under_way(model, split(sizes, symbols[0]), symbols[1]).parts
+    parts = _under_way(model, split(sizes, symbols[0]), symbols[1])
     outputs = [ca.densify(part) for part in parts.values()]
     found = written_out(shape(ca.Function("under_way", symbols, outputs)), history, dt)
-    every: dict[str, Any] = dict.fromkeys(PendingMotion.__dataclass_fields__)
-    return PendingMotion(**{**every, **dict(zip(parts, found, strict=True))})
+    return dict(zip(parts, found, strict=True))
 
 
-def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> PendingMotion:
+def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> dict[str, ca.MX]:
     W, robot, lag = model.problem.average, model.problem.robot, model.problem.robot.lag
     by_ages = call_by_name(weights_function(model), {**part, "dt": dt})
     of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
+    optional = {"clung": part["clung"]} if "clung" in part else {}
     pieces, seconds = [], []
     begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
     if W:
+        optional["weights"] = by_ages["present"]
         sums = part["planned"] @ of_plan
         begun, total = sums[:, 0], sums[:, 1]
         pieces, seconds = [part["planned"]], [of_plan[:, 1]]
-    tail = turn = swift = None
     if robot.owes:
         owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
-        turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
+        optional["turn"] = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
         if lag:
-            tail = part["tail"]
+            tail = optional["tail"] = part["tail"]
             up, down = up + tail[:, 0], down + tail[:, 1]
             owed += tail[:, 0] - tail[:, 1]
-            turn += ca.norm_2(tail[3:, 0] + tail[3:, 1])
+            optional["turn"] += ca.norm_2(tail[3:, 0] + tail[3:, 1])
         total = total + owed
         pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
     slowest, fastest = _extremes(part["sent"])
     if lag:
-        swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
-        fastest, slowest = (
-            ca.fmax(fastest, part["swift"][:, 0]),
-            ca.fmin(slowest, -part["swift"][:, 1]),
-        )
+        optional["swift"] = ca.horzcat(fastest, -slowest) + part["tail"] / lag
+        fastest = ca.fmax(fastest, part["swift"][:, 0])
+        slowest = ca.fmin(slowest, -part["swift"][:, 1])
     stretch = 1 + robot.gain_error
-    return PendingMotion(
-        total=total,
-        twists=ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
-        seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
-        weights=by_ages["present"] if W else None,
-        tail=tail,
-        clung=part.get("clung"),
-        turn=turn,
-        owed=owed,
-        up=up,
-        down=down,
-        previous=part["planned"][:, 0],
-        sent=part["sent"][:, 0],
-        lasted=part["ages"][0],
-        changed=part["owed"] - owed if "owed" in part else owed,
-        slowest=stretch * slowest,
-        fastest=stretch * fastest,
-        swift=swift,
-        dt=by_ages["period"],
-        dt_ok=by_ages["dt_ok"],
-        aged=by_ages["aged"],
-        idled=by_ages["idled"],
-        begun=begun,
-        own=by_ages["own"],
-        fits=by_ages["fits"],
-        parked=by_ages["parked"],
-    )
+    return optional | {
+        "total": total,
+        "twists": ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
+        "seconds": ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
+        "owed": owed,
+        "up": up,
+        "down": down,
+        "previous": part["planned"][:, 0],
+        "sent": part["sent"][:, 0],
+        "lasted": part["ages"][0],
+        "changed": part["owed"] - owed if "owed" in part else owed,
+        "slowest": stretch * slowest,
+        "fastest": stretch * fastest,
+        "begun": begun,
+        **{name: by_ages[name] for name in _BY_AGES},
+    }
 
 
 def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -279,7 +234,7 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
 def next_history(
     model: StepModel,
     history: ca.MX,
-    found: PendingMotion,
+    found: Mapping[str, ca.MX],
     planned: ca.MX,
     sent: ca.MX,
     still: ca.MX,
@@ -297,9 +252,10 @@ def next_history(
     kept, robot = model.history, model.problem.robot
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
+    after += [found["period"], *([found["aged"]] if kept.ages > 1 else [])]
+    after += [still * found["idled"]]
     if lag := robot.lag:
-        dt = found.dt
+        dt = found["period"]
         # The oldest twist leaves the history; what is still to come of it goes on decaying.
         part = split(kept.sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
@@ -308,19 +264,21 @@ def next_history(
         )
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
-        assert found.swift is not None
-        after.append(ca.vec(found.swift))
+        after.append(ca.vec(found["swift"]))
         if hold := robot.longest_hold:
             # What a hold of the oldest leaves decays as slowly, and there is only one hold.
             left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
             after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
-    return [*after, found.owed] if robot.owes else after
+    return [*after, found["owed"]] if robot.owes else after
 
 
 def landing(
-    model: StepModel, found: PendingMotion, signals: Mapping[str, ca.MX], shape: Shape = vectors
+    model: StepModel,
+    found: Mapping[str, ca.MX],
+    signals: Mapping[str, ca.MX],
+    shape: Shape = vectors,
 ) -> dict[str, ca.MX]:
-    """Return ``landed`` (4, 4), the landing pose, and ``way``: see `WayLayout`.
+    """Return ``landed`` (4, 4), the landing pose, and ``way``: see `PendingMotionLayout`.
 
     The declared values of a robot are upper bounds: any share of each piece may be done already. So
     a piece that leads away from an end does not count, and a piece that leads to it counts in full.
@@ -336,8 +294,8 @@ def landing(
         shape: how functions are written, see `ergoqp.expressions`.
     """
     if not model.under_way.count:
-        return {"landed": signals["pose"], "way": found.total}
-    given = {name: part for name, part in found.parts.items() if name in _PARTS}
+        return {"landed": signals["pose"], "way": found["total"]}
+    given = {name: part for name, part in found.items() if name in _PARTS}
     if "doubt" in signals:
         given["doubt"] = signals["doubt"]
     given |= {name: signals[name] for name in ("astray", "readings")}
@@ -369,9 +327,8 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if n:
         # The addition of a mean that still rises toward the last planned twist, see
         # `ergoqp.limits.twist.Stop`.
-        rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (
-            law.stretch * law.longest * found["weights"]
-        )
+        rises = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0)
+        rise = rises @ (law.stretch * law.longest * found["weights"])
         below, above = below + rise[many:], above + rise[:many]
     angles = stray = raised = ca.MX(0)
     if robot.longest_hold or parts_of.strays:
@@ -383,12 +340,10 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         length = angles @ found["seconds"]
         if "tail" in found:
             length += ca.norm_2(found["tail"][3:, 0] + found["tail"][3:, 1])
-        stray = (
-            (1 + robot.gain_error)
-            / 2
-            * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
-        )
-        above += (1 + robot.gain_error) * stray * length * ca.DM(parts_of.bends)
+        chord = ca.sumsqr(found["total"][3:])
+        stray = (1 + robot.gain_error) / 2 * ca.sqrt(ca.fmax(length**2 - chord, 0))
+        bent = ca.DM(limit_values(parts_of.limits, "curvature") > 0)
+        above += (1 + robot.gain_error) * stray * length * bent
         turns = found["twists"][3:, :n]
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
         raised = law.stretch * law.longest * (rises @ found["weights"])
@@ -401,7 +356,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if robot.noise.any():
         # The noise counts twice for a row that touches a region at the point nearest to the pose:
         # for the distance and for the direction. With both, it is never measured inside.
-        astray = np.linalg.norm(robot.noise[:3]) * np.array(parts_of.tangents, float)
+        astray = np.linalg.norm(robot.noise[:3]) * limit_values(parts_of.limits, "tangent")
         aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
         below, above = below + aside, above + aside
     parts = [found["total"], below + off[many:], above + off[:many]]
@@ -418,10 +373,8 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         held, turned = hold * _most(toward), hold * _most(angles)
         if "clung" in found:
             clung = (1 + robot.gain_error) * found["clung"]
-            held, turned = (
-                ca.fmax(held, _along(rows, clung)),
-                ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1])),
-            )
+            held = ca.fmax(held, _along(rows, clung))
+            turned = ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1]))
         parts += [below + held[many:], above + held[:many], turn + turned]
     return [landed, ca.densify(ca.vertcat(*parts))]
 
@@ -485,17 +438,9 @@ def _hard_rows(model: StepModel) -> ca.Function:
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
     landed, readings = shifted(pose, total), ca.SX.sym("readings", *model.size("readings"))
-    context = LimitContext(
-        posture,
-        ca.SX.ones(n),
-        landed,
-        S,
-        ca.SX(6, 1),
-        ca.SX(6, 1),
-        readings=model.by_limit(readings),
-        surface=problem.surface,
-        pending_displacement=total,
-    )
+    by_limit, still = model.by_limit(readings), ca.SX(6, 1)
+    where = {"readings": by_limit, "surface": problem.surface, "pending_displacement": total}
+    context = LimitContext(posture, ca.SX.ones(n), landed, S, still, still, **where)
     rows = ca.vertcat(*(limit.rows(context).matrix for limit in model.under_way.limits))
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
         names = ", ".join(model.under_way.names)

@@ -24,7 +24,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Shape, call_by_name, dense, is_set, largest, turned
+from ergoqp.expressions import Shape, call_by_name, is_set, largest, turned
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.causes import Cause, Fault, fault_of
@@ -82,42 +82,19 @@ def explained_function(model: StepModel) -> ca.Function:
 
     The name is computed again at every step.
     """
-    names = (
-        "told",
-        "faulty",
-        "started",
-        "measured",
-        "went",
-        "excess",
-        "executed",
-        "sent",
-        "lasted",
-        "slowest",
-        "fastest",
-        "up",
-        "down",
-        "parked",
-        "enable",
-        "now_rests",
-        "now_seen",
-        "stored",
-        "pose",
-        "story",
-        "said",
-    )
     problem, robot = model.problem, model.problem.robot
     holds = robot.longest_hold > 0 and robot.owes
-    given = model.symbols((*names, *(("compared",) if holds else ())))
+    now = model.symbols()
     # One sample over a period that is too long shows nothing: the noise of that time exceeds a
     # fault.
-    told = ca.logic_and(is_set(given["told"]), given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
-    faulty = is_set(given["faulty"])
-    now = given | split(STORY, given["story"]) | split(SAID, given["said"])
+    told = ca.logic_and(is_set(now["told"]), now["lasted"] <= 3 * problem.dt * (1 + 1e-9))
+    faulty = is_set(now["faulty"])
+    now |= split(STORY, now["story"]) | split(SAID, now["said"])
     if holds:
-        now |= {"held": split(model.blocks["compared"], given["compared"])["held"]}
+        now["held"] = split(model.blocks["compared"], now["compared"])["held"]
     reported, signs = _reported(problem, now)
     # Motion while the object is not enabled is no fault.
-    signs = ca.if_else(ca.logic_and(told, is_set(given["enable"])), signs, 0)
+    signs = ca.if_else(ca.logic_and(told, is_set(now["enable"])), signs, 0)
     kept = {name: now[name] for name in REPORTED}
     if robot.owes:
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}
@@ -128,10 +105,8 @@ def explained_function(model: StepModel) -> ca.Function:
     named = _named(problem, now, signs[1])
     fault = ca.if_else(faulty, named.pop("fault"), 0)
     story = ca.vertcat(told_now, joined(NAMED, named))
-    outputs = ca.cse(dense([story, ca.vertcat(signs, fault)]))
-    return ca.Function(
-        "explained", list(given.values()), outputs, list(given), ["next_story", "next_said"]
-    )
+    said = ca.vertcat(signs, fault)
+    return now.function("explained", {"next_story": story, "next_said": said})
 
 
 def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.SX]:
@@ -166,27 +141,22 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
-    unheard = ca.SX(6, 1)
+    unreported = ca.SX(6, 1)
     if "held" in now:
         # The motion during a late call was not reported.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
-        unheard = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        unreported = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(
         drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
     )
-    by_twist = length((late - slack - unheard) / (_EARLY * unit))
+    by_twist = length((late - slack - unreported) / (_EARLY * unit))
     if problem.robot.owes:
         # The sent twists give only the largest possible speed of a late robot.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    kept = {
-        "drift": drift,
-        "path": path,
-        "blur": blur,
-        "surprise": ca.horzcat(now["executed"] - sent, change),
-        "due": due,
-    }
+    last = ca.horzcat(now["executed"] - sent, change)
+    kept = {"drift": drift, "path": path, "blur": blur, "surprise": last, "due": due}
     return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
 
 
@@ -204,21 +174,15 @@ def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     angle = 2 * ca.asin(ca.fmin(sine, 1))
     off = ca.vertcat(ca.fmax(aside, 0), ca.fmax(-aside, 0), angle)
     farthest = ca.fmax(off, ca.if_else(fresh, 0, now["farthest"]))
-    return {
-        "aside": aside,
-        "turned_aside": turned_aside,
-        "farthest": farthest,
-        "since": now["now_seen"] + 1,
-    }
+    led = {"aside": aside, "turned_aside": turned_aside, "farthest": farthest}
+    return led | {"since": now["now_seen"] + 1}
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
     """Return the name of the fault that fits best to the motion since the fault began."""
-    sent, lasted, forget = (
-        now["sent"],
-        now["lasted"] * now["started"],
-        ca.fmax(0, 1 - now["lasted"] / _MEMORY),
-    )
+    sent = now["sent"]
+    lasted = now["lasted"] * now["started"]
+    forget = ca.fmax(0, 1 - now["lasted"] / _MEMORY)
     done, told = sent * lasted, now["executed"] * lasted
     seen = ca.if_else(
         is_set(now["measured"]), now["went"], ca.if_else(is_set(now["told"]), told, done)
@@ -231,10 +195,8 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))
     fit = goes_on * now["fit"] + products
     leap = leap_beyond(now, now["went"])
-    shift, turn = (
-        ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])),
-        ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:])),
-    )
+    shift = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3]))
+    turn = ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
     # A sudden fault keeps its name, because a second jump is usually the return of the first. Any
@@ -319,15 +281,14 @@ def watch(model: StepModel, signals: Mapping[str, ca.MX], shape: Shape) -> dict[
     compare, explain = shape(_compared(model)), explained_function(model)
     found = call_by_name(compare, signals)
     # Without a reported twist or a fault there is nothing to explain.
-    inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
-    was = dict(zip(explain.name_in(), inputs, strict=True))
+    was = dict(zip(explain.name_in(), explain.mx_in(), strict=True))
     story = was["story"]
     if model.problem.robot.owes:
         # The motion of a late robot in this period is unknown, so its sum starts again.
         anew = {name: ca.MX(ca.DM.zeros(*REPORTED[name])) for name in ("drift", "path", "blur")}
         anew["due"] = ca.horzcat(was["up"], was["down"])
         story = joined(STORY, split(STORY, story) | anew)
-    quiet = ca.Function("quiet", inputs, [story, ca.MX(ca.DM.zeros(count(SAID)))])
+    quiet = ca.Function("quiet", list(was.values()), [story, ca.MX(ca.DM.zeros(count(SAID)))])
     choose = ca.Function.if_else("explain_or_not", shape(explain), quiet)
     facts = {**signals, **found}
     speaks = model.if_needed(ca.logic_or(found["faulty"], signals["told"]))
@@ -384,28 +345,9 @@ def _compared(model: StepModel) -> ca.Function:
     detect a fault is in `ergoqp.step.faults`.
     """
     robot, stretch = model.problem.robot, 1 + model.problem.robot.gain_error
-    names = (
-        "pose",
-        "stored",
-        "started",
-        "measured",
-        "sent",
-        "lasted",
-        "slowest",
-        "fastest",
-        "up",
-        "down",
-        "parked",
-        "stop",
-        "enable",
-        "period",
-        "compared",
-        "said",
-        "causes",
-    )
-    given = model.symbols((*names, *(("unsure", "owed", "changed") if robot.owes else ())))
+    now = model.symbols()
     sizes = model.blocks["compared"]
-    now = given | split(sizes, given["compared"]) | split(SAID, given["said"])
+    now |= split(sizes, now["compared"]) | split(SAID, now["said"])
     parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
@@ -424,16 +366,10 @@ def _compared(model: StepModel) -> ca.Function:
         # Two paths to the same end, one of them this far behind, differ by the area between them.
         turn = now["blind"] + ca.norm_2(done[3:])
         block["blind"] = ca.if_else(now["measured"], 0, turn)
-        area = (
-            now["measured"]
-            * (now["blind"] > 0)
-            * turn
-            * ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
-        )
-        least, most = (
-            least - ca.vertcat(0, 0, 0, area, area, area),
-            most + ca.vertcat(0, 0, 0, area, area, area),
-        )
+        unsure = ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
+        area = now["measured"] * (now["blind"] > 0) * turn * unsure
+        aside = ca.vertcat(0, 0, 0, area, area, area)
+        least, most = least - aside, most + aside
     # At the start of the comparison the pose has its full error; the turn since then is known up to
     # noise.
     at_begin, sent = noise, ca.SX.eye(3)
@@ -469,11 +405,8 @@ def _compared(model: StepModel) -> ca.Function:
             block["area"] = ca.if_else(now["started"], block["area"], 0)
     if robot.longest_hold and robot.owes:
         # Along any axis of a turn: it was somewhere on the way.
-        hold = (
-            stretch
-            * robot.longest_hold
-            * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
-        )
+        reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        hold = stretch * robot.longest_hold * reach
         if "turned" in sizes:
             hold[3:, :] = ca.norm_2(ca.fmax(hold[3:, 0], hold[3:, 1]))
         below, above = below + hold[:, 0], above + hold[:, 1]
@@ -495,9 +428,8 @@ def _compared(model: StepModel) -> ca.Function:
     # The comparison starts again where the object is measured standing still, and after a fault
     # there. Where it is not measured standing, the motion before is still to be compared.
     comes_to_rest = ca.logic_and(parked, ca.logic_or(now["calm"] <= 0, found))
-    begins = ca.logic_and(
-        ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found)
-    )
+    may_begin = ca.logic_or(ca.logic_not(now["begun"]), found)
+    begins = ca.logic_and(ca.logic_and(parked, now["measured"]), may_begin)
     anew = ca.logic_or(begins, ca.logic_not(enabled))
     again = anew
     if "turned" in sizes:
@@ -536,9 +468,9 @@ def _compared(model: StepModel) -> ca.Function:
     waiting = ca.logic_and(latched, ca.logic_not(faulty))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     causes += 2.0**Cause.latched * waiting
-    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests, seen, excess]))
-    named = ["next_compared", "faulty", "all_causes", "went", "now_rests", "now_seen", "excess"]
-    return ca.Function("compared_poses", list(given.values()), outputs, list(given), named)
+    found = {"next_compared": joined(sizes, block), "faulty": faulty, "all_causes": causes}
+    found |= {"went": went, "now_rests": rests, "now_seen": seen, "excess": excess}
+    return now.function("compared_poses", found)
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:

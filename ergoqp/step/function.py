@@ -8,7 +8,7 @@ same inputs and the same state always give the same answers.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -18,7 +18,6 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import (
     Shape,
     call_by_name,
-    dense,
     exp_rotation,
     is_rigid,
     is_set,
@@ -32,10 +31,10 @@ from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import amiss, judge_function, shortened
-from ergoqp.step.delay import PendingMotion, landing, next_history, under_way
+from ergoqp.step.delay import landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
-from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide, pull_function
+from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
 from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
@@ -91,64 +90,6 @@ def state_at_start(model: StepModel, twist: Any = None) -> np.ndarray:
     return np.concatenate([part.ravel(order="F") for part in parts.values()])
 
 
-Frame: TypeAlias = tuple[np.ndarray, np.ndarray]
-"""Posture and mask of a frame, as read (n,) each."""
-
-Ready: TypeAlias = tuple[np.ndarray, np.ndarray, Mapping[str, str], Frame]
-"""What the next call starts from: usual inputs, state, notes, and the last frame.
-
-It is never written to, but replaced as one, as the last operation of a call. So an exception at any
-point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call. The usual
-inputs are all inputs of the function, one after the other, with the guide; the notes say what was
-wrong with the guide. A plain tuple is the fastest to make.
-"""
-
-
-class Layout:
-    """Where everything is in the inputs of the function of a step.
-
-    Attributes:
-        at: slice of each input.
-        parts: slice of each part of the state, within the state.
-    """
-
-    def __init__(self, model: StepModel, at: Mapping[str, slice]) -> None:
-        """Keep the slices `at` of the inputs."""
-        self.at, self.parts = at, model.places
-        self._dt, self._n = model.problem.dt, len(model.problem.coordinates)
-
-    def begin(self, size: int, state: np.ndarray, place: Guide | None) -> Ready:
-        """Return what the first call starts from.
-
-        Args:
-            size: number of all inputs.
-            state: the initial state.
-            place: place of the guide. None: there is none.
-        """
-        usual = np.zeros(size)
-        for name in ("observed", "frame", "enable"):
-            usual[self.at[name]] = 1.0
-        usual[self.at["dt"]] = self._dt
-        if place is not None:
-            usual = self.led(usual, place)
-        return usual, state, {}, (np.zeros(self._n), np.ones(self._n))
-
-    def led(self, usual: np.ndarray, place: Guide | None) -> np.ndarray:
-        """Return the usual inputs with another guide; None: there is none."""
-        usual, at = usual.copy(), self.at
-        usual[at["guided"]] = place is not None
-        if place is not None:
-            usual[at["guide"]], usual[at["promise"]] = place.pose.T.ravel(), place.expected
-        return usual
-
-    def forgotten(self, state: np.ndarray, *names: str) -> np.ndarray:
-        """Return a state with parts that are zero."""
-        state = state.copy()
-        for name in names:
-            state[self.parts[name]] = 0.0
-        return state
-
-
 INPUTS: Final = (
     "posture",
     "observed",
@@ -187,7 +128,7 @@ OUTPUTS: Final = (
 
 
 def read_inputs(
-    model: StepModel, given: Mapping[str, ca.MX], found: PendingMotion, shape: Shape
+    model: StepModel, given: Mapping[str, ca.MX], found: Mapping[str, ca.MX], shape: Shape
 ) -> dict[str, ca.MX]:
     """Check every input, and replace unusable ones by what was known before.
 
@@ -213,7 +154,7 @@ def read_inputs(
     posture = ca.if_else(usable, last, model.stand_in)
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
-    signals = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
+    signals = {**given, **found, "dt": found["period"], "posture_ok": posture_ok}
     read = call_by_name(shape(_read_function(model)), signals, written=True)
     pose = _pose(model, given, read["measured"], read["moved"], posture)
     signals |= read | {"posture": posture, "pose": pose}
@@ -229,20 +170,6 @@ def read_inputs(
     return signals
 
 
-_READ: Final = ("pose", "has_pose", "executed", "has_twist", "age", "frame", "enable", "ask")
-_KEPT: Final = (
-    "sent",
-    "changed",
-    "started",
-    "lasted",
-    "period",
-    "dt_ok",
-    "posture_ok",
-    "fits",
-    "on_hold",
-)
-
-
 def _read_function(model: StepModel) -> ca.Function:
     """Check all inputs except the posture.
 
@@ -251,7 +178,7 @@ def _read_function(model: StepModel) -> ca.Function:
         and the other results of `read_inputs`.
     """
     problem = model.problem
-    raw = model.symbols((*_READ, *_KEPT, *(("frames",) if model.compares else ())))
+    raw = model.symbols()
     has_pose, has_twist, started, frame = (
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
@@ -293,16 +220,11 @@ def _read_function(model: StepModel) -> ca.Function:
         sees = ca.logic_and(ca.logic_and(frame, raw["posture_ok"]), fresh)
         waited = split(FRAMES, raw["frames"])["wait"] <= 1e-9
         outputs["compares"] = ca.logic_and(ca.logic_and(measured, sees), waited)
-    parts = ca.cse(dense(list(outputs.values())))
-    return ca.Function("read", list(raw.values()), parts, list(raw), list(outputs))
+    return raw.function("read", outputs)
 
 
 def _pose(
-    model: StepModel,
-    given: Mapping[str, ca.MX],
-    measured: ca.MX,
-    moved: ca.MX,
-    posture: ca.MX,
+    model: StepModel, given: Mapping[str, ca.MX], measured: ca.MX, moved: ca.MX, posture: ca.MX
 ) -> ca.MX:
     """Return the measured pose, or the last one moved on.
 
@@ -310,13 +232,9 @@ def _pose(
     """
     sx = ca.SX.sym("stored", 4, 4), ca.SX.sym("moved", 6)
     on = ca.Function("moved_on", sx, [exp_rotation(*sx)])
-    inputs = [
-        ca.MX.sym("pose", 4, 4),
-        ca.MX.sym("started"),
-        ca.MX.sym("stored", 4, 4),
-        ca.MX.sym("moved", 6),
-    ]
-    inputs.append(ca.MX.sym("posture", posture.numel()))
+    sizes = {"pose": (4, 4), "started": (1, 1), "stored": (4, 4), "moved": (6, 1)}
+    sizes["posture"] = (posture.numel(), 1)
+    inputs = [ca.MX.sym(name, *size) for name, size in sizes.items()]
     first = model.response.contact()(inputs[4])[0]
     if not of_package(model.problem.response):
         # A matrix of zeros stands for a pose that is not usable.
@@ -453,15 +371,11 @@ def build_step(
     signals["share"] = shortened(model, signals)
     signals |= amiss(model, signals)
     signals |= call_by_name(shape(account_function(model)), signals, written=True)
-    signals["next_state"] = joined(model.state, _next_state(model, found, signals | watched))
+    signals["next_state"] = joined(model.state, _next_state(model, signals | watched))
 
-    signals |= {
-        "pose_used": signals["pose"],
-        "causes": signals["all_causes"],
-        "cost": signals["value"],
-    }
-    signals |= {"slack": signals["all_slack"], "multipliers": signals["all_multipliers"]}
-    signals |= {"fault": watched["said"][-2:], "margins": signals["now"]}
+    signals |= {"pose_used": signals["pose"], "causes": signals["all_causes"]}
+    signals |= {"cost": signals["value"], "margins": signals["now"], "fault": watched["said"][-2:]}
+    signals |= {name: signals[f"all_{name}"] for name in ("slack", "multipliers")}
     outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ())]
     results = once([signals[name] for name in outputs])
     return ca.Function(name, list(raw.values()), results, names, outputs)
@@ -474,35 +388,24 @@ def _contact_pose(problem: Problem) -> ca.Function:
     return ca.Function("contact_pose", [pose], [ca.densify(contact)])
 
 
-def _next_state(
-    model: StepModel, found: PendingMotion, signals: Mapping[str, ca.MX]
-) -> dict[str, ca.MX]:
+def _next_state(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
     """Return the parts of the state that a step hands to the next one."""
-    after = {name: signals[name] for name in ("compared", "story", "said")}
-    history = next_history(
-        model, signals["history"], found, signals["planned"], signals["twist"], signals["still"]
-    )
-    after |= {
-        "history": ca.vertcat(*history),
-        "stored": signals["pose"],
-        "rest": signals["next_rest"],
-    }
-    after["started"] = signals["next_started"]
-    after |= {"last_posture": signals["posture"], "on_hold": signals["on_hold"]}
+    after = {name: signals[name] for name in ("compared", "story", "said", "on_hold")}
+    sent = (signals[name] for name in ("planned", "twist", "still"))
+    after["history"] = ca.vertcat(*next_history(model, signals["history"], signals, *sent))
+    after |= {"stored": signals["pose"], "started": signals["next_started"]}
+    after |= {"last_posture": signals["posture"], "rest": signals["next_rest"]}
     if model.problem.robot.owes:
         seen = ca.logic_or(signals["measured"], ca.logic_not(is_set(signals["started"])))
-        ends = ca.horzcat(found.up, found.down)
+        ends = ca.horzcat(signals["up"], signals["down"])
         after["unsure"] = ca.if_else(seen, ends, signals["unsure"])
     if model.asks_back:
         limits = model.problem.row_limits
-        after["asked"] = update_recovery_timer(
-            limits, signals["asked"], signals["now"], signals["dt"]
-        )
+        now, dt = signals["now"], signals["dt"]
+        after["asked"] = update_recovery_timer(limits, signals["asked"], now, dt)
     if model.compares:
-        compared = {**signals, "period": found.dt}
-        after["frames"] = (
-            signals["frames"] if model.spare else compared_frames(model.problem, compared)
-        )
+        spare = model.spare
+        after["frames"] = signals["frames"] if spare else compared_frames(model.problem, signals)
     if model.guided:
         after["trial"] = signals["next_trial"]
     return after

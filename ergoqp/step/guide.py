@@ -19,7 +19,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number, flag, read_array, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions import dense, is_rigid, is_set, normalised, read_pose
+from ergoqp.expressions import is_rigid, is_set, normalised, read_pose
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
@@ -185,9 +185,8 @@ def pull_function(model: StepModel) -> ca.Function:
     weight = control.guide_weight * ca.diagcat(control.effort_linear * ca.SX.eye(3), turning)
     travels = ca.logic_and(on, is_journey(trial[0]))
     drawn = on * ca.logic_or(is_journey(trial[0]), trial[0] == LOOK) * trial[0]
-    outputs = [travels * weight, -(travels * (weight @ velocity)), distance, on, drawn]
-    names = ["pull_H", "pull_g", "distance", "on", "drawn"]
-    return ca.Function("pull", list(sx.values()), ca.cse(dense(outputs)), list(sx), names)
+    found = {"pull_H": travels * weight, "pull_g": -(travels * (weight @ velocity))}
+    return sx.function("pull", found | {"distance": distance, "on": on, "drawn": drawn})
 
 
 def _way(pose: ca.SX, goal: ca.SX) -> ca.SX:

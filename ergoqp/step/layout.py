@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
+from ergoqp.expressions import slices
 from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
+from ergoqp.step.rows import limit_values
 
 Sizes = Mapping[str, tuple[int, int]]
 """Shape of each part, in order."""
@@ -24,21 +25,14 @@ def count(sizes: Sizes) -> int:
 
 def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
     """Return the parts of a vector by name, each in its shape."""
-    parts, start = {}, 0
-    for name, (rows, columns) in sizes.items():
-        part = vector[start : start + rows * columns]
-        parts[name] = part if columns == 1 else ca.reshape(part, rows, columns)
-        start += rows * columns
-    return parts
+    parts = {name: vector[at] for name, at in places(sizes).items()}
+    wide = {name: size for name, size in sizes.items() if size[1] != 1}
+    return parts | {name: ca.reshape(parts[name], *size) for name, size in wide.items()}
 
 
 def places(sizes: Sizes) -> dict[str, slice]:
     """Return the slice of the vector that holds each part."""
-    found, end = {}, 0
-    for name, (rows, columns) in sizes.items():
-        begin, end = end, end + rows * columns
-        found[name] = slice(begin, end)
-    return found
+    return slices({name: rows * columns for name, (rows, columns) in sizes.items()})
 
 
 def joined(sizes: Sizes, parts: Mapping[str, Any]) -> Any:
@@ -187,7 +181,7 @@ class PendingMotionLayout:
         # Where a pose is moved, it may be unknown in part.
         count = sum(len(limit.names) for limit in hard) if problem.moves_pose else 0
         turns = robot.owes or bool(robot.pose_noise_deg)
-        strays = problem.average > 0 and any(_bend(limit) for limit in hard)
+        strays = problem.average > 0 and bool(limit_values(hard, "curvature").any())
         return cls(hard, count, turns, strays, robot.longest_hold > 0)
 
     @property
@@ -196,61 +190,37 @@ class PendingMotionLayout:
         return tuple(name for limit in self.limits for name in limit.names)
 
     @property
-    def bends(self) -> list[bool]:
-        """Whether each of these rows bends."""
-        return [_bend(limit) for limit in self.limits for _ in limit.names]
-
-    @property
-    def tangents(self) -> list[bool]:
-        """Whether the direction of each of these rows depends on the measured pose."""
-        return [getattr(limit, "tangent", False) for limit in self.limits for _ in limit.names]
-
-    @property
-    def _sizes(self) -> list[int]:
-        """Sizes of the parts, in the order of `Way`."""
-        if not self.count:
-            return [6]
-        bent = [1] * (self.turns + 2 * self.strays)
-        held = [self.count, self.count, 1] if self.holds else []
-        return [6, self.count, self.count, *bent, *held]
+    def _sizes(self) -> dict[str, int]:
+        """Sizes of the parts."""
+        sizes = {"displacement": 6}
+        if self.count:
+            sizes |= {"below": self.count, "above": self.count}
+            sizes |= {"turn": 1} if self.turns else {}
+            sizes |= {"direction_error": 1, "overshoot_angle": 1} if self.strays else {}
+            if self.holds:
+                sizes |= {"below_held": self.count, "above_held": self.count, "turn_held": 1}
+        return sizes
 
     @property
     def size(self) -> int:
         """Number of all entries."""
-        return sum(self._sizes)
+        return sum(self._sizes.values())
 
     def split(self, way: Any) -> Way:
         """Return the parts of a vector (size,)."""
-        ends = np.cumsum([0, *self._sizes]).tolist()
-        displacement, *parts = (way[start:end] for start, end in pairwise(ends))
-        if not parts:
-            return Way(displacement, {}, None, None, None, {}, None)
-        bent, reduction = iter(parts[2:]), self._by_limit(*parts[:2])
-        given = (self.turns, self.strays, self.strays)
-        turn, error, overshoot = (next(bent) if there else None for there in given)
+        part = {name: way[at] for name, at in slices(self._sizes).items()}
+        if not self.count:
+            return Way(part["displacement"], {}, None, None, None, {}, None)
+        reduction, turn = self._by_limit(part["below"], part["above"]), part.get("turn")
+        bent = part.get("direction_error"), part.get("overshoot_angle")
         if not self.holds:
-            return Way(displacement, reduction, turn, error, overshoot, reduction, turn)
-        return Way(
-            displacement,
-            reduction,
-            turn,
-            error,
-            overshoot,
-            self._by_limit(*parts[-3:-1]),
-            parts[-1],
-        )
+            return Way(part["displacement"], reduction, turn, *bent, reduction, turn)
+        held = self._by_limit(part["below_held"], part["above_held"])
+        return Way(part["displacement"], reduction, turn, *bent, held, part["turn_held"])
 
     def _by_limit(self, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
-        found, start = {}, 0
-        for limit in self.limits:
-            end = start + len(limit.names)
-            found[limit.names[0]] = below[start:end], above[start:end]
-            start = end
-        return found
-
-
-def _bend(limit: Limit) -> bool:
-    return bool(getattr(limit, "curvature", 0.0))
+        rows = slices({limit.names[0]: len(limit.names) for limit in self.limits})
+        return {name: (below[at], above[at]) for name, at in rows.items()}
 
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)
@@ -265,10 +235,8 @@ COMPARED: Final = {
     "rests": (1, 1),  # how often it has come to rest, or was not enabled
     "begun": (1, 1),  # 1 while it stands still and the poses are compared from there
     "seen": (1, 1),  # how many poses were measured
-    "latched": (
-        1,
-        1,
-    ),  # 1 from a fault without a measured pose until one is measured, or `try_again`
+    # 1 from a fault without a measured pose until one is measured, or `try_again`
+    "latched": (1, 1),
     "doubted": (1, 1),  # 1 from such a fault until a pose is measured
     "presumed": (1, 1),  # 1 while the pose is that of a posture, moved on
 }
@@ -331,11 +299,7 @@ def watch_blocks(problem: Problem) -> dict[str, Sizes]:
     blind = {"blind": (1, 1)} if problem.robot.owes and not turn else {}
     # The part of one hold that may be unseen in the comparison, in addition to noise.
     slip = {"slip": (6, 1)} if problem.robot.longest_hold and not problem.robot.owes else {}
-    return {
-        "compared": COMPARED | held | slip | turn | area | blind,
-        "story": STORY,
-        "said": SAID,
-    }
+    return {"compared": COMPARED | held | slip | turn | area | blind, "story": STORY, "said": SAID}
 
 
 def leap_beyond(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Evaluator
+from ergoqp.expressions import Evaluator, slices
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.twist import Braking
@@ -140,6 +140,40 @@ def guarded(
     return called
 
 
+class Signals(dict[str, Any]):
+    """Symbols of what the functions of the step exchange, each made when it is first used.
+
+    So a function takes what its expressions read. Entries that are set are no inputs.
+
+    Attributes:
+        inputs: the symbols, in the order in which they were made.
+    """
+
+    def __init__(
+        self, size: Callable[[str], tuple[int, int]], names: Iterable[str], kind: type[Any]
+    ) -> None:
+        """Make the symbols of some names at once."""
+        super().__init__()
+        self._size, self._kind, self.inputs = size, kind, dict[str, Any]()
+        self.pick(names)
+
+    def __missing__(self, name: str) -> Any:
+        """Make the symbol of a name."""
+        self[name] = self.inputs[name] = self._kind.sym(name, *self._size(name))
+        return self[name]
+
+    def pick(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return some of the symbols, by name."""
+        return {name: self[name] for name in names}
+
+    def function(self, name: str, outputs: Mapping[str, Any]) -> ca.Function:
+        """Return the dense function of the symbols that gives `outputs`, by name."""
+        parts = [ca.densify(self._kind(part)) for part in outputs.values()]
+        parts = ca.cse(parts) if self._kind is ca.SX else parts
+        inputs = self.inputs
+        return ca.Function(name, list(inputs.values()), parts, list(inputs), list(outputs))
+
+
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 """Landing pose, and the data at the start of the present period."""
 
@@ -222,9 +256,8 @@ class StepModel:
         """Slice of the state of each part, and of the parts of the history and of the watch."""
         found = places(self.state)
         for name, sizes in {"history": self.history.sizes, **self.blocks}.items():
-            start = found[name].start
-            inner = {part: (at.start, at.stop) for part, at in places(sizes).items()}
-            found |= {part: slice(start + a, start + b) for part, (a, b) in inner.items()}
+            start, inner = found[name].start, places(sizes).items()
+            found |= {part: slice(start + at.start, start + at.stop) for part, at in inner}
         return found
 
     @cached_property
@@ -251,9 +284,9 @@ class StepModel:
             return (len(self.movable), 1)
         return self.sizes.get(name, (1, 1))
 
-    def symbols(self, names: Iterable[str], kind: type[Any] = ca.SX) -> dict[str, Any]:
+    def symbols(self, names: Iterable[str] = (), kind: type[Any] = ca.SX) -> Signals:
         """Return symbols of scalars (`casadi.SX`) or matrices (`casadi.MX`), by name."""
-        return {name: kind.sym(name, *self.size(name)) for name in names}
+        return Signals(self.size, names, kind)
 
     @cached_property
     def stand_in(self) -> ca.DM:
@@ -392,11 +425,8 @@ class StepModel:
 
     def by_limit(self, readings: Expression) -> dict[str, Expression]:
         """Return the readings of each limit, by the name of its first row."""
-        found, start = {}, 0
-        for limit, measure in self.measures:
-            size = measure.numel_out(0)
-            found[limit.names[0]] = readings[start : start + size]
-            start += size
+        sizes = {limit.names[0]: measure.numel_out(0) for limit, measure in self.measures}
+        found = {name: readings[at] for name, at in slices(sizes).items()}
         way = self.problem.way_out
         return found if way is None else found | way.of_limits(self.way_out(readings))
 

@@ -13,7 +13,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import Shape, call_by_name, dense, is_set, marked, vectors, written_out
+from ergoqp.expressions import Shape, call_by_name, is_set, marked, vectors, written_out
 from ergoqp.limits import Rows
 from ergoqp.limits.twist import Braking, on_surface
 from ergoqp.problem.problem import Problem
@@ -92,10 +92,8 @@ def _relaxed(
     full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
     full_g = ca.vertcat(g, PENALTY * loose)
     full_A = ca.horzcat(A, -ca.diag(side * loose))
-    full_lb, full_ub = (
-        ca.vertcat(lb, ca.MX(ca.DM.zeros(m))),
-        ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0)),
-    )
+    full_lb = ca.vertcat(lb, ca.MX(ca.DM.zeros(m)))
+    full_ub = ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0))
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lbA, ubA, full_lb, full_ub]
     x, rows, box = solver.function(n, m)(*data)
@@ -195,30 +193,15 @@ def pass_data(model: StepModel) -> ca.Function:
     brake = Braking(**{name: terms[name] for name in _BRAKING}, dt=mx["dt"], stop=problem.stop)
     matrix = _gathered(S, terms["own"], follows)
     rows = Rows(matrix, **{name: terms[name] for name in _VECTORS})
-    bounds = row_bounds(
-        problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"]
-    )
+    twist, limits = problem.twist_limit, problem.row_limits
+    bounds = row_bounds(twist, limits, rows, kept, away, brake, mx["final"])
     H, g = objective(model, mx, S, E)
     # Bounds drop the NaN of a row. In the objective it shows in the residual.
     seen = [k for k, row in enumerate(kept) if row in model.watched_rows]
     if seen:
         g = marked(g, *(ca.sumsqr(getattr(rows, part)[seen]) for part in _VECTORS))
-    found = {
-        "H": H,
-        "g": g,
-        "A": bounds.matrix,
-        "lbA": bounds.lower,
-        "ubA": bounds.upper,
-        "side": bounds.side,
-        "cap": bounds.cap,
-        "lb": brake.low,
-        "ub": brake.high,
-        "S": S,
-        "E": E,
-        "shift": shift,
-    }
-    outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), list(found))
+    found = {"H": H, "g": g, **bounds, "lb": brake.low, "ub": brake.high}
+    return mx.function("pass_data", found | {"S": S, "E": E, "shift": shift})
 
 
 _BRAKING: Final = ("twist", "low", "high", "reach")
@@ -244,10 +227,11 @@ def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
     follows = [i if each.matrix is context.sensitivity else None for each, i in moving]
     own = [row for row, of_S in zip(moving, follows, strict=True) if of_S is None]
     matrix = ca.vertcat(ca.SX(0, 6), *(each.matrix[i, :] for each, i in own))
-    ends = [_stacked([getattr(each, part)[i] for each, i in moving]) for part in _VECTORS]
-    parts = [matrix, *ends, *(getattr(brake, name) for name in _BRAKING)]
-    names = ["own", *_VECTORS, *_BRAKING]
-    return ca.Function("terms", list(sx.values()), ca.cse(dense(parts)), list(sx), names), follows
+    found = {"own": matrix}
+    for part in _VECTORS:
+        found[part] = ca.vertcat(ca.SX(0, 1), *(getattr(each, part)[i] for each, i in moving))
+    found |= {name: getattr(brake, name) for name in _BRAKING}
+    return sx.function("terms", found), follows
 
 
 def away_function(model: StepModel) -> ca.Function:
@@ -279,15 +263,11 @@ def away_function(model: StepModel) -> ca.Function:
         asking = returning * (1 if limit.hard else signals["asks"]) > 0.5
         for found, distance, allowed in ((above, to_upper, upper), (below, to_lower, lower)):
             found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
-    outputs = ca.cse(dense([ca.vertcat(*above, *below), ca.vertcat(*doubted)]))
-    return ca.Function("away", list(signals.values()), outputs, list(signals), ["away", "doubted"])
+    found = {"away": ca.vertcat(*above, *below), "doubted": ca.vertcat(*doubted)}
+    return signals.function("away", found)
 
 
 _VECTORS: Final = ("to_lower", "to_upper", "rate", "curvature_margin")
-
-
-def _stacked(entries: list[ca.SX]) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *entries)
 
 
 def _gathered(S: ca.MX, own: ca.MX, follows: list[int | None]) -> ca.MX:
@@ -372,21 +352,11 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
     lock = shape(_newly_locked(model))
-    newly = call_by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)[
-        "newly_locked"
-    ]
-    result = {
-        "xi": xi,
-        "S": found["S"],
-        "E": found["E"],
-        "slack": answer["slack"],
-        "multipliers": answer["multipliers"],
-        "residual": answer["residual"],
-        "next_locked": ca.fmax(mx["locked"], newly),
-        "newly": ca.mmax(newly),
-        "shift": found["shift"],
-    }
-    return ca.Function("one_pass", list(mx.values()), list(result.values()), list(mx), list(result))
+    known = {**mx, **answer, "xi": xi, "S": found["S"]}
+    newly = call_by_name(lock, known, written=True)["newly_locked"]
+    result = {**answer, "xi": xi, **{name: found[name] for name in ("S", "E", "shift")}}
+    result |= {"next_locked": ca.fmax(mx["locked"], newly), "newly": ca.mmax(newly)}
+    return mx.function("one_pass", result)
 
 
 _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
@@ -395,8 +365,7 @@ _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
 def _newly_locked(model: StepModel) -> ca.Function:
     """Return the function for unlocked joints at their end that would move outward."""
     mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
-    signals = {name: mx[name] for name in ("posture", "observed", "readings")}
-    context = model.context(signals, mx["S"])
+    context = model.context(mx.pick(("posture", "observed", "readings")), mx["S"])
     outward = ca.MX(ca.DM.zeros(*model.size("locked")))
     for limit in model.problem.row_limits:
         if not limit.yield_zone:
@@ -407,5 +376,5 @@ def _newly_locked(model: StepModel) -> ca.Function:
         down = ca.logic_and(rows.to_lower < limit.yield_zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
     free = ca.logic_and(outward, ca.logic_not(is_set(mx["locked"])))
-    newly = ca.densify(ca.logic_and(free, mx["residual"] < TOLERANCE))
-    return ca.Function("newly_locked", list(mx.values()), [newly], list(mx), ["newly_locked"])
+    newly = ca.logic_and(free, mx["residual"] < TOLERANCE)
+    return mx.function("newly_locked", {"newly_locked": newly})

@@ -19,7 +19,7 @@ the time that the return should take.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -50,17 +50,6 @@ ELBOW = 1e-6
 
 It has one even where only braking is left.
 """
-
-
-@dataclass(frozen=True)
-class RowBounds:
-    """Rows that some twist can move, as `build_qp` takes them."""
-
-    matrix: Expression
-    lower: Expression
-    upper: Expression
-    side: Expression
-    cap: Expression
 
 
 def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
@@ -113,12 +102,8 @@ def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> R
     if not bend:
         return rows
     most = _ROOM * rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
-    return replace(
-        rows,
-        rate=ca.if_else(
-            ca.fmin(rows.to_lower, rows.to_upper) < 0, ca.fmin(rows.rate, most), rows.rate
-        ),
-    )
+    outside = ca.fmin(rows.to_lower, rows.to_upper) < 0
+    return replace(rows, rate=ca.if_else(outside, ca.fmin(rows.rate, most), rows.rate))
 
 
 def movable_rows(twist: TwistLimit, limits: Sequence[Limit], context: LimitContext) -> list[int]:
@@ -139,7 +124,7 @@ def row_bounds(
     away: Expression,
     brake: Braking,
     final: Expression,
-) -> RowBounds:
+) -> dict[str, Expression]:
     """Return the bounds of the movable rows, both ends of all rows at once, as vectors.
 
     Args:
@@ -154,7 +139,7 @@ def row_bounds(
     """
     m, kept = len(kept), list(kept)
     if not m:
-        return RowBounds(rows.matrix, rows.to_lower, rows.to_lower, rows.to_lower, rows.to_lower)
+        return {"A": rows.matrix} | dict.fromkeys(("lbA", "ubA", "side", "cap"), rows.to_lower)
     # An axis that the object must not move may still be coming to rest after a push. It counts
     # until then.
     at_braking = rows.matrix @ brake.twist
@@ -166,15 +151,14 @@ def row_bounds(
     lower = ca.fmin(lower, upper)
     relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
     side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
-    equalities = [getattr(limit, "equality", False) for limit in limits for _ in limit.names]
-    equal = ca.DM(np.array(equalities, dtype=float)[kept])
+    equal = ca.DM(limit_values(limits, "equality")[kept])
     if equal.nnz() and ca.sum1(equal):
         # A surface is an equality, which braking keeps (`on_surface`).
         upper, lower, cap = (
             ca.if_else(equal, own, other)
             for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
         )
-    return RowBounds(rows.matrix, lower, upper, side, cap)
+    return {"A": rows.matrix, "lbA": lower, "ubA": upper, "side": side, "cap": cap}
 
 
 def _ends(
@@ -209,30 +193,22 @@ def _ends(
     # moves it outward, it is locked and the object goes on without it.
     zone = constant("yield_zone")
     if zone.nnz():
-        yields = ca.logic_and(
-            ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)),
-            ca.logic_not(final),
-        )
+        inside = ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE))
+        yields = ca.logic_and(inside, ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
     # The curvature of a row must not carry it further out; on the object side not at all. A
     # straight row has none. Between two ends that are both within the noise of the pose, it stays
     # where it is.
-    curving = twice(
-        ca.if_else(
-            moves,
-            (rows.curvature_margin + ca.fmin(rows.curvature_margin, CLEARANCE)) / brake.swing,
-            0,
-        )
-    )
+    bent = rows.curvature_margin + ca.fmin(rows.curvature_margin, CLEARANCE)
+    curving = twice(ca.if_else(moves, bent / brake.swing, 0))
     # A row that does not ask to come back is only stopped from going further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
     # At distance / recovery_time the return would never end, so its last part has a constant speed.
-    pace = ca.fmin(
-        ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt)
-    )
+    steady = ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN)
+    pace = ca.fmin(steady, away * (1 / brake.dt))
     # A bent row needs room between the rate asked for and its largest rate, or a solver finds no
     # solution.
-    most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
+    most = ca.DM(np.where(limit_values(limits, "curvature")[kept] > 0, 1 / _ROOM, 1.0))
     back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
     outside = ca.logic_and(away > 0, twice(moves))
     allowed = ca.if_else(outside, 0, allowed)
@@ -243,24 +219,13 @@ def _ends(
     return bound, ca.if_else(ca.fmax(needed, beyond + ELBOW) > 0, needed + ELBOW, 0)
 
 
-def bends(limits: Sequence[Limit]) -> np.ndarray:
-    """Return the bend of each row, 0 for straight ones, see `ergoqp.limits.limit.Limit`."""
-    return np.array([getattr(limit, "curvature", 0.0) for limit in limits for _ in limit.names])
-
-
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
-    """Return one number per row from the attribute `pick` of the limits.
+    """Return one number per row from the attribute `pick` of the limits, 0 where there is none.
 
     The attribute is one number for all rows of a limit, or one for each row.
     """
-    return np.array(
-        [
-            value
-            for limit in limits
-            for value in np.broadcast_to(getattr(limit, pick), len(limit.names))
-        ],
-        dtype=float,
-    )
+    rows = (np.broadcast_to(getattr(limit, pick, 0.0), len(limit.names)) for limit in limits)
+    return np.array([value for each in rows for value in each], dtype=float)
 
 
 def recovery_allowed(asked: ca.MX) -> ca.MX:
@@ -289,10 +254,8 @@ def update_recovery_timer(
         dt: period [s].
     """
     soft = limit_values(limits, "recovers") * (1 - limit_values(limits, "hard"))
-    time, tolerance = (
-        ca.DM(limit_values(limits, "recovery_time")),
-        ca.DM(limit_values(limits, "tolerance")),
-    )
+    time = ca.DM(limit_values(limits, "recovery_time"))
+    tolerance = ca.DM(limit_values(limits, "tolerance"))
     away = ca.if_else(margins < -tolerance, -margins, 0) * ca.DM(soft)
     steady = STEADY_RETURN * time
     fading = time * (ca.log(ca.fmax(away / steady, 1)) + 1)

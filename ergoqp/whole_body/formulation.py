@@ -64,16 +64,18 @@ NULL_WEIGHT = 1e-3
 """Weight of the arm's null space, for an object effort of at least 1 [points / (rad/s)^2]."""
 
 
-class _MomentTask(BaseTask):
-    """A task that reads the data of the present step."""
+class _OfMoment:
+    """A part of the QP that reads the data of the present step, see `at_moment`."""
+
+    now: Moment
 
     def __init__(self, scene: ModelColumns) -> None:
+        """Keep the columns of the model."""
         self.scene = scene
-        self.moment: Moment | None = None
 
-    def _now(self) -> Moment:
-        assert self.moment is not None  # set at the start of every step
-        return self.moment
+
+class _MomentTask(_OfMoment, BaseTask):
+    """A task that reads the data of the present step."""
 
     def _objective(self, columns: np.ndarray, H: np.ndarray, c: np.ndarray) -> mink.Objective:
         """Return a small objective as one of all velocities."""
@@ -95,7 +97,7 @@ class ErgonomicTask(_MomentTask):
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
         """Return curvature and slope in displacements."""
-        now = self._now()
+        now = self.now
         root = now.terms["root"] / now.dt
         return self._objective(self.scene.person[4:], root.T @ root, now.terms["slope"] / now.dt)
 
@@ -108,7 +110,7 @@ class ObjectTask(_MomentTask):
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
         """Return curvature and slope in displacements of the arm."""
-        now = self._now()
+        now = self.now
         J = now.jacobian / now.dt
         return self._objective(self.scene.arm, J.T @ now.H @ J, J.T @ (now.g - now.H @ now.offset))
 
@@ -125,23 +127,18 @@ class NullSpaceTask(_MomentTask):
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
         """Return curvature and slope in displacements of the arm."""
-        now = self._now()
+        now = self.now
         N = np.eye(len(now.arm_wish)) - np.linalg.pinv(now.jacobian) @ now.jacobian
         weighted = NULL_WEIGHT * N / now.dt**2
         return self._objective(self.scene.arm, weighted, -weighted @ now.arm_wish * now.dt)
 
 
-class _Rows(mink.Task):
+class _Rows(_OfMoment, mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
     def __init__(self, scene: ModelColumns, count: int) -> None:
-        super().__init__(cost=np.full(count, np.sqrt(TIE_WEIGHT)))
+        mink.Task.__init__(self, cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
-        self.moment: Moment | None = None
-
-    def _now(self) -> Moment:
-        assert self.moment is not None  # set at the start of every step
-        return self.moment
 
 
 class Tie(_Rows):
@@ -163,13 +160,11 @@ class Tie(_Rows):
 
         There is no drift, because the posture is measured again in every step.
         """
-        return np.concatenate(
-            [self._follows() @ self._now().offset, np.zeros(len(self.scene.idle))]
-        )
+        return np.concatenate([self._follows() @ self.now.offset, np.zeros(len(self.scene.idle))])
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows, scaled by the period like all terms."""
-        now, count = self._now(), len(self.scene.person)
+        now, count = self.now, len(self.scene.person)
         rows = np.zeros((len(self.cost), self.scene.model.nv))
         rows[:count, self.scene.person] = np.eye(count)
         rows[:count, self.scene.arm] = -self._follows() @ now.jacobian
@@ -178,7 +173,7 @@ class Tie(_Rows):
 
     def _follows(self) -> np.ndarray:
         """Return how pelvis and joints follow the twist (36, 6)."""
-        terms = self._now().terms
+        terms = self.now.terms
         return np.vstack([terms["carried"], terms["S"]])
 
 
@@ -191,12 +186,12 @@ class Held(_Rows):
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the error of each row without motion."""
-        now = self._now()
+        now = self.now
         return -(now.low + now.offset)[fixed_axes(now)]
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows."""
-        now = self._now()
+        now = self.now
         axes = fixed_axes(now)
         moving = np.zeros((len(axes), self.scene.model.nv))
         moving[:, self.scene.arm] = now.jacobian[axes] / now.dt
@@ -211,20 +206,11 @@ def fixed_axes(now: Moment) -> np.ndarray:
 def at_moment(parts: list[Any], moment: Moment) -> None:
     """Set the data of the step in all tasks and limits."""
     for part in parts:
-        part.moment = moment
+        part.now = moment
 
 
-class _MomentLimit(mink.Limit):
+class _MomentLimit(_OfMoment, mink.Limit):
     """A limit that reads the data of the present step."""
-
-    def __init__(self, scene: ModelColumns) -> None:
-        """Keep the columns of the model."""
-        self.scene = scene
-        self.moment: Moment | None = None
-
-    def _now(self) -> Moment:
-        assert self.moment is not None  # set at the start of every step
-        return self.moment
 
     def _on_arm(self, rows: np.ndarray, bounds: np.ndarray, dt: float) -> mink.Constraint:
         """Return rows on the speeds of the arm, without infinite bounds."""
@@ -243,7 +229,7 @@ class TwistBounds(_MomentLimit):
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         """Return two rows per axis that can move."""
-        now = self._now()
+        now = self.now
         free = now.high - now.low >= 1e-12
         J, aside = now.jacobian[free], now.offset[free]
         return self._on_arm(
@@ -267,7 +253,7 @@ class ProblemRows(_MomentLimit):
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         """Return up to two rows per row of the step."""
-        now = self._now()
+        now = self.now
         rows = now.terms["A"] @ now.jacobian
         moved = now.terms["side"] * self.slack + now.terms["A"] @ now.offset
         upper, lower = now.terms["ubA"] + moved, now.terms["lbA"] + moved
@@ -284,7 +270,7 @@ class ArmBounds(_MomentLimit):
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         """Return two rows per joint."""
-        now = self._now()
+        now = self.now
         eye = np.eye(len(now.arm_high))
         return self._on_arm(
             np.vstack([eye, -eye]), np.concatenate([now.arm_high, -now.arm_low]), dt
@@ -302,7 +288,7 @@ class Distance(_MomentLimit):
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         """Return the rows in displacements: the rate times the period."""
-        now = self._now()
+        now = self.now
         if now.close is None or not len(now.close.pairs):
             return mink.Constraint()
         following = -now.close.gradients
@@ -335,16 +321,12 @@ class Formulation:
         self.configuration = mink.Configuration(scene.model)
         self.rows = ProblemRows(scene)
         self._tie, self._held = Tie(scene), Held(scene)
-        self._ergonomic, self._object, self._null = (
-            ErgonomicTask(scene),
-            ObjectTask(scene),
-            NullSpaceTask(scene),
-        )
-        self._arm, self._twist, self._distance = (
-            ArmBounds(scene),
-            TwistBounds(scene),
-            Distance(scene),
-        )
+        self._ergonomic = ErgonomicTask(scene)
+        self._object = ObjectTask(scene)
+        self._null = NullSpaceTask(scene)
+        self._arm = ArmBounds(scene)
+        self._twist = TwistBounds(scene)
+        self._distance = Distance(scene)
 
     def build(self, moment: Moment, follow: bool) -> qpsolvers.Problem:
         """Return the QP as mink builds it.
@@ -362,14 +344,8 @@ class Formulation:
             limits.append(self.rows)
             constraints.append(self._held)
         at_moment([*tasks, *limits, self._held], moment)
-        return mink.build_ik(
-            self.configuration,
-            tasks,
-            moment.dt,
-            damping=0.0,
-            limits=limits,
-            constraints=constraints,
-        )
+        rows = {"limits": limits, "constraints": constraints}
+        return mink.build_ik(self.configuration, tasks, moment.dt, damping=0.0, **rows)
 
     def solve(self, moment: Moment, follow: bool) -> np.ndarray | None:
         """Return all velocities (nv,); None if the rows cannot all hold or the solver fails."""
@@ -425,19 +401,13 @@ class Ladder:
                 twist = moment.jacobian @ solved[arm] - moment.offset
                 if np.abs(twist - object_step.twist).max() < SAME:
                     return solved[arm], object_step.status, ""
-                return (
-                    solved[arm],
-                    "slower",
-                    "held back by " + held_back(robot, scene, moment, solved),
-                )
+                names = held_back(robot, scene, moment, solved)
+                return solved[arm], "slower", f"held back by {names}"
         # The object brakes, rests, or cannot keep all rows. The robot follows it as closely as
         # possible.
         wanted = object_step.twist if not whole else self._braking(done)
-        effort = np.diag(
-            np.repeat(
-                [self._problem.control.effort_linear, self._problem.control.effort_angular], 3
-            )
-        )
+        control = self._problem.control
+        effort = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
         moment.H, moment.g = effort, -effort @ wanted
         for bound in (self._problem.twist_limit.speed, np.full(6, FREE)):
             moment.low, moment.high = -bound, bound
@@ -453,11 +423,8 @@ class Ladder:
             return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
         stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
         status = "invalid" if object_step.status == "invalid" else "braking"
-        return (
-            stop,
-            status,
-            "every joint of the robot stops by itself: the distance cannot be kept otherwise",
-        )
+        why = "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+        return stop, status, why
 
     def _braking(self, previous: np.ndarray) -> np.ndarray:
         """Return the object's next braking twist, with its full deceleration."""

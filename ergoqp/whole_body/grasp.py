@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions import quaternion_of
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.whole_body.robot import Robot
@@ -54,11 +54,7 @@ def default_base(problem: Problem, length: float) -> np.ndarray:
         length: distance from the robot's frame to the contact point [m].
     """
     direction, box = tool_direction(problem), problem.limit_of(WorkspaceBox)
-    middle = (
-        comfort_contact(problem)[:3, 3]
-        if box is None
-        else (np.asarray(box.lower) + np.asarray(box.upper)) / 2
-    )
+    middle = comfort_contact(problem)[:3, 3] if box is None else np.add(box.lower, box.upper) / 2
     away = np.array([direction[0], direction[1], 0.0])
     # A tool that points up or down does not show where the person is; x is in front of them.
     away = away / np.linalg.norm(away) if np.linalg.norm(away) > 0.2 else np.array([1.0, 0.0, 0.0])
@@ -101,7 +97,7 @@ def _solved(
         data.qpos[scene.arm_qpos] = arm
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        error = pose_error(data.site_xpos[site], data.site_xmat[site].reshape(3, 3), pose)
+        error = pose_error(scene.contact_pose(data), pose)
         if np.abs(error).max() < _EXACT:
             return arm
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
@@ -112,16 +108,6 @@ def _solved(
             arm + step * min(1.0, 0.5 / (np.abs(step).max() + 1e-12)), robot.lower, robot.upper
         )
     return None
-
-
-def pose_error(position: np.ndarray, rotation: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return the displacement (6,) [m, rad] from a position and rotation to a pose (4, 4).
-
-    It is along the axes of the world.
-    """
-    vector = np.zeros(3)
-    mujoco.mju_quat2Vel(vector, quaternion_of(pose[:3, :3] @ rotation.T), 1.0)
-    return np.concatenate([pose[:3, 3] - position, vector])
 
 
 _TURNS: Final = 8
@@ -154,15 +140,10 @@ def grasp(
     Raises:
         InputError: if the arm cannot hold the object there.
     """
-    frames = (
-        [default_tool_frame(2 * np.pi * i / _TURNS) for i in range(_TURNS)]
-        if tool_frame is None
-        else [tool_frame]
-    )
-    pose, pelvis = (
-        np.array(person.contact()(posture)[0]),
-        np.array(pelvis_function(person)(posture)[0]).ravel(),
-    )
+    turned = [default_tool_frame(2 * np.pi * i / _TURNS) for i in range(_TURNS)]
+    frames = turned if tool_frame is None else [tool_frame]
+    pose = np.array(person.contact()(posture)[0])
+    pelvis = np.array(pelvis_function(person)(posture)[0]).ravel()
     middle, width = (robot.lower + robot.upper) / 2, robot.upper - robot.lower
     best, found, nearest = np.inf, None, -np.inf
     for frame in frames:

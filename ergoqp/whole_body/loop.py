@@ -5,13 +5,13 @@ The person follows, and the joints of the arm do exactly what they are sent.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
-from ergoqp.rest.model_person import ModelPerson
+from ergoqp.rest.best_place import grips_of
+from ergoqp.rest.model_person import ModelPerson, Start
 from ergoqp.rest.person import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body.scene import Scene
@@ -69,11 +69,9 @@ class Ruler:
         """Build the true scene."""
         known = whole.scene
         self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
-        self._separation, self._data, self._person = (
-            Separation(self.scene),
-            mujoco.MjData(self.scene.model),
-            person,
-        )
+        self._separation = Separation(self.scene)
+        self._data = mujoco.MjData(self.scene.model)
+        self._person = person
 
     def __call__(self, posture: np.ndarray, arm: np.ndarray) -> float:
         """Return the smallest distance [m] at a posture (32,) and joints of the arm (k,)."""
@@ -87,10 +85,7 @@ class Ruler:
         """Return the contact frame (4, 4) as the arm holds it."""
         self._data.qpos[self.scene.arm_qpos] = arm
         mujoco.mj_kinematics(self.scene.model, self._data)
-        pose, site = np.eye(4), self.scene.contact_site
-        pose[:3, :3] = self._data.site_xmat[site].reshape(3, 3)
-        pose[:3, 3] = self._data.site_xpos[site]
-        return pose
+        return self.scene.contact_pose(self._data)
 
 
 def run_whole_body(
@@ -131,13 +126,8 @@ def run_whole_body(
     dt, arm = whole.dt, whole.start.copy()
     ruler = Ruler(whole, person)
     pose = ruler.contact(arm)
-    grips, soles = (
-        [person.contact(posture)[0] @ grip for grip in person.grasp(posture)],
-        person.stand(posture),
-    )
-    grasp = [np.linalg.solve(pose, grip) for grip in grips]
-    late = deque([pose] * (1 + round(senses.delay / dt)))
-    follow = 1.0 - float(np.exp(-dt / senses.hand_time))
+    grasp = np.linalg.solve(pose, grips_of(person, posture))
+    holding = person.holding(Start(posture, pose, grasp, person.stand(posture)), senses)
     errors = frames(senses, dt, np.random.default_rng([seed, 2]))
     trace, previous, speeds, age = WholeBodyTrace(), np.zeros(6), np.zeros(len(arm)), 0.0
     measured = posture.copy()
@@ -145,7 +135,7 @@ def run_whole_body(
         error, arrives = next(errors)
         age = 0.0 if arrives or number == 0 else age + dt
         if age == 0.0:
-            measured = posture + error
+            measured = holding.posture + error
         step = whole.step(measured, arm, speeds, age=age)
         if checker is not None:
             rate = step.object_step.posture_rate
@@ -153,16 +143,13 @@ def run_whole_body(
                 step.twist, previous, pose, measured, rate, dt, None, step.object_step.slack
             )
         trace.time.append(number * dt)
-        trace.postures.append(posture)
+        trace.postures.append(holding.posture)
         trace.arms.append(arm)
         trace.poses.append(pose)
         trace.steps.append(step)
-        trace.distances.append(ruler(posture, arm))
+        trace.distances.append(ruler(holding.posture, arm))
         previous, speeds = step.twist, step.joint_velocities
         arm = arm + speeds * dt
         pose = ruler.contact(arm)
-        late.append(pose)
-        followed = late.popleft()
-        held = np.hstack([followed @ grip for grip in grasp])
-        posture, _, _ = person.move(posture, held, soles, follow, dt)
+        holding.follow(pose, dt)
     return trace

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_kind
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Evaluator
+from ergoqp.expressions import Evaluator, call_by_name
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -186,23 +186,18 @@ def terms_function(problem: Problem) -> ca.Function:
         ProblemError: if the state is not the posture of a person with a body.
     """
     place = pelvis_function(person_of(problem))
-    data = qp_data(problem)
-    given = [ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())]
-    posture, observed = given[0], given[1]
-    parts = dict(zip((data.name_out(i) for i in range(data.n_out())), data(*given), strict=True))
-    _, value, gradient = cost_function(StepModel(problem))(posture, observed)
+    model, data = StepModel(problem), qp_data(problem)
+    mx = model.symbols(data.name_in(), ca.MX)
+    parts = call_by_name(data, mx)
+    _, value, gradient = cost_function(model)(mx["posture"], mx["observed"])
     ahead, control = problem.control.look_ahead, problem.control
     excess = ca.fmax(value - problem.cost.minimum, 0) + CAUTION_EPS
     caution = ahead * np.sqrt(control.caution * problem.response.weight_vector)
     parts["slope"] = ahead * gradient
-    parts["root"] = ca.vertcat(
-        ahead * gradient.T / ca.sqrt(2 * excess), ca.MX(ca.diag(ca.DM(caution)))
-    )
-    parts["carried"] = place(posture)[1] @ parts["S"]
-    names = [data.name_in(i) for i in range(data.n_in())]
-    return ca.Function(
-        "terms", given, [ca.densify(part) for part in parts.values()], names, list(parts)
-    )
+    own = ahead * gradient.T / ca.sqrt(2 * excess)
+    parts["root"] = ca.vertcat(own, ca.MX(ca.diag(ca.DM(caution))))
+    parts["carried"] = place(mx["posture"])[1] @ parts["S"]
+    return mx.function("terms", parts)
 
 
 def own_objective(terms: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -259,14 +254,8 @@ class StepTerms:
             observed: (32,) 0 for joints that the sensors do not see.
             unimproved: time without an improvement before the step [s].
         """
-        given = {
-            "posture": posture,
-            "observed": observed,
-            "pose": step.pose,
-            "previous": previous,
-            "dt": self._dt,
-        }
-        given["stalled"] = unimproved
+        given = {"posture": posture, "observed": observed, "pose": step.pose, "dt": self._dt}
+        given |= {"previous": previous, "stalled": unimproved}
         given |= {"locked": step.account("locked"), "final": 0.0}
         terms = self._terms(given)
         if not step.locked and not terms["cap"].any():
@@ -329,8 +318,7 @@ class Sight:
         """
         scene, site = self._scene, self._scene.contact_site
         data = self.place(posture, positions)
-        contact, jacobian = np.eye(4), np.zeros((6, scene.model.nv))
-        contact[:3, :3], contact[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+        contact, jacobian = scene.contact_pose(data), np.zeros((6, scene.model.nv))
         data = self.place(posture, after)
         mujoco.mj_jacSite(scene.model, data, jacobian[:3], jacobian[3:], site)
         return contact, jacobian[:, scene.arm]

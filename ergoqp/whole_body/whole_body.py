@@ -12,16 +12,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number, shown, unmasked
+from ergoqp.arguments import check_number, read_array, shown, unmasked
 from ergoqp.errors import InputError
 from ergoqp.expressions import read_pose
 from ergoqp.joints import JOINTS
+from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
 from ergoqp.step.answer import Step
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body.formulation import Formulation, Ladder
-from ergoqp.whole_body.grasp import default_base, grasp, pose_error
+from ergoqp.whole_body.grasp import default_base, grasp
 from ergoqp.whole_body.robot import Robot, load_robot
 from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
 from ergoqp.whole_body.state import (
@@ -56,23 +57,6 @@ def size_of(value: Any) -> tuple[float, float, float]:
     return float(sides[0]), float(sides[1]), float(sides[2])
 
 
-def posture_of(value: Any) -> np.ndarray:
-    """Return a posture (32,) [rad].
-
-    Raises:
-        InputError: if it is not 32 finite numbers.
-    """
-    angles = numbers(value, len(JOINTS))
-    if angles is None:
-        shape = (
-            f"an array of shape {value.shape}"
-            if isinstance(value, np.ndarray)
-            else f"a {type(value).__name__}"
-        )
-        raise InputError(f"posture: got {shape}, allowed {len(JOINTS)} finite numbers")
-    return angles
-
-
 def robot_of(robot: Any, frame: str | None) -> Robot:
     """Return a given robot, or load one from a file.
 
@@ -104,40 +88,30 @@ def start_of(start: Any, robot: Robot) -> np.ndarray:
     return joints
 
 
-def implausible_position(robot: Robot, positions: np.ndarray) -> str | None:
-    """Return in words which joint is measured at an impossible position, or None.
+def implausible(robot: Robot, positions: np.ndarray, speeds: np.ndarray) -> str:
+    """Return in words which joint is measured at an impossible position or speed, or nothing.
 
     Args:
-        robot: robot with the ranges.
-        positions: positions of the joints (k,) [rad].
+        robot: the robot.
+        positions: measured positions of its joints (k,) [rad].
+        speeds: measured speeds of its joints (k,) [rad/s].
     """
-    over = np.maximum(robot.lower - positions, positions - robot.upper) - _TURN
-    worst = int(np.argmax(over))
-    if over[worst] <= 0:
-        return None
-    low, high = robot.lower[worst], robot.upper[worst]
-    return (
-        f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to"
-        f" {high:.4g}, and a turn beyond"
-    )
-
-
-def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
-    """Return in words which joint is measured at an impossible speed, or None.
-
-    Args:
-        robot: robot with the largest speeds.
-        speeds: speeds of the joints (k,) [rad/s].
-    """
-    over = np.abs(speeds) - _PLAUSIBLE * robot.velocity
-    worst = int(np.argmax(over))
-    if over[worst] <= 0:
-        return None
-    most = _PLAUSIBLE * robot.velocity[worst]
-    return (
-        f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within"
-        f" +-{most:.4g}, twice its largest speed"
-    )
+    beyond = np.maximum(robot.lower - positions, positions - robot.upper)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > _TURN:
+        low, high = robot.lower[worst], robot.upper[worst]
+        return (
+            f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to"
+            f" {high:.4g}, and a turn beyond"
+        )
+    most = _PLAUSIBLE * robot.velocity
+    worst = int(np.argmax(np.abs(speeds) - most))
+    if abs(speeds[worst]) > most[worst]:
+        return (
+            f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within"
+            f" +-{most[worst]:.4g}, twice its largest speed"
+        )
+    return ""
 
 
 def numbers(value: Any, count: int) -> np.ndarray | None:
@@ -254,7 +228,10 @@ class WholeBody:
         self.distance, self.reserve, object_size = distance, reserve, size_of(object_size)
         placed = default_base(problem, 0.20) if base is None else read_pose("base", base)
         held = read_pose("tool_frame", tool_frame) if tool_frame is not None else None
-        begin = self._person.comfort if posture is None else posture_of(posture)
+        allowed = f"{len(JOINTS)} finite numbers"
+        begin = self._person.comfort
+        if posture is not None:
+            begin = read_array("posture", posture, (len(JOINTS),), allowed)
         self.robot = robot_of(robot, frame)
         joints = None if start is None else start_of(start, self.robot)
         # The object does what the arm can, which may differ from its own step. So there is no
@@ -279,14 +256,8 @@ class WholeBody:
         self._ladder = Ladder(self.problem, self.robot, self._formulation)
         limit = self.problem.twist_limit
         self._pace = float(np.max(limit.speed / limit.acceleration))
-        self._sight = Sight(
-            self.scene,
-            self._person,
-            self._formulation.configuration,
-            distance,
-            reserve,
-            self._pace,
-        )
+        positions = self._formulation.configuration
+        self._sight = Sight(self.scene, self._person, positions, distance, reserve, self._pace)
         self.reset()
 
     def reset(self) -> None:
@@ -322,17 +293,12 @@ class WholeBody:
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
-        positions, measured = (
-            numbers(arm, k),
-            self._sent if arm_speed is None else numbers(arm_speed, k),
-        )
+        positions = numbers(arm, k)
+        measured = self._sent if arm_speed is None else numbers(arm_speed, k)
         if positions is None or measured is None:
             what = "arm" if positions is None else "arm_speed"
             return self._blind(begin, posture, f"{what} is not {k} finite numbers")
-        wrong = implausible_position(self.robot, positions) or implausible_speed(
-            self.robot, measured
-        )
-        if wrong is not None:
+        if wrong := implausible(self.robot, positions, measured):
             return self._blind(begin, posture, wrong)
         # The limits continue from what was sent. The measurement gives the position of the arm
         # only.
@@ -376,9 +342,7 @@ class WholeBody:
         else:
             there, then = self._before
             done = then @ speeds - self._offset
-            missed = (self._offset + done) * self.dt - pose_error(
-                there[:3, 3], there[:3, :3], contact
-            )
+            missed = (self._offset + done) * self.dt - pose_error(there, contact)
             self._offset = np.clip(missed / self.dt, -_OFFSET, _OFFSET)
         self._before = contact, jacobian
         return done
@@ -434,14 +398,5 @@ class WholeBody:
         # The motion of the object meanwhile is unknown, so there is nothing to correct.
         self._sent, self._before, self._offset = slower, None, np.zeros(6)
         reason = f"{cause}: every joint of the robot stops by itself"
-        took = time.perf_counter() - begin
-        return WholeBodyStep(
-            slower,
-            twist,
-            object_step.posture_rate,
-            "invalid",
-            reason,
-            float("nan"),
-            object_step,
-            took,
-        )
+        rate, took = object_step.posture_rate, time.perf_counter() - begin
+        return WholeBodyStep(slower, twist, rate, "invalid", reason, np.nan, object_step, took)

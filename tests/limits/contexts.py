@@ -131,7 +131,7 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     found = row_bounds(
         twist_limit, [limit], rows, movable, _away(limit, rows, movable), brake, ca.SX(1)
     )
-    outputs = [found.lower, found.upper, found.side, found.cap, found.matrix]
+    outputs = [found[name] for name in ("lbA", "ubA", "side", "cap", "A")]
     inputs = [pose, previous, dt, posture, sensitivity]
     return ca.Function("bounds", inputs, [ca.densify(part) for part in outputs]), movable
 

@@ -331,7 +331,12 @@ def test_outside_a_cone_even_what_gives_way_comes_back_as_fast_as_the_bend_leads
     found = row_bounds(LIMIT, [cone], rows, [0], ca.SX([away, 0]), brake, ca.SX(1))
     upper, cap, bend, braked = (
         float(ca.evalf(part))
-        for part in (found.upper, found.cap, (reserve + CLEARANCE) / brake.swing, row @ brake.twist)
+        for part in (
+            found["ubA"],
+            found["cap"],
+            (reserve + CLEARANCE) / brake.swing,
+            row @ brake.twist,
+        )
     )
     assert upper == pytest.approx(-away / cone.recovery_time, rel=1e-9)
     assert 1e-3 < bend < -upper

@@ -465,7 +465,7 @@ def test_rows_of_the_object_do_not_give_way() -> None:
     step.account("status")[:] = int(Status.relaxed)
     for name in ("tool axis", "right_elbow_flexion"):
         slack[names.index(name)] = 0.01
-    step._account = replace(step._account, status="relaxed")
+    step.status = "relaxed"
     assert step.reason == (
         "braking alone would pass these limits, so they give way: right elbow flexion"
     )
@@ -909,7 +909,7 @@ def test_a_log_replays_with_the_period_of_its_loop() -> None:
     )
     steps = [stepper.step(q) for _ in range(30)]
     for one, other in zip(steps, ergoqp.replay(problem_of("screwing"), log), strict=True):
-        assert one._account.values.tobytes() == other._account.values.tobytes()
+        assert one._values.tobytes() == other._values.tobytes()
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ class Believed:
         self.margin = ca.Function(
             "believed", [at, history, twist, dt], [margin(landed, way, ways(twist, dt))]
         )
-        mean = found.begun + found.own * twist
+        mean = found["begun"] + found["own"] * twist
         self.mean = ca.Function("mean", [history, twist, dt], [mean])
         after = ca.vertcat(*next_history(model, history, found, twist, sent, still))
         self.after = ca.Function("after", [history, twist, sent, still, dt], [after])

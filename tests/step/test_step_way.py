@@ -37,7 +37,7 @@ def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
     )
     found = under_way(StepModel(problem), history, dt)
     after = ca.vertcat(*next_history(StepModel(problem), history, found, planned, sent, still))
-    seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
+    seen = [found[name] for name in FOUND if name in found]
     return ca.Function("seen", [history, dt], seen), ca.Function(
         "after", [history, planned, sent, still, dt], [after]
     )
@@ -180,7 +180,7 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
             ).values()
         ),
     )
-    planned = ca.Function("planned", [past, symbols[1]], [found.begun, found.own])
+    planned = ca.Function("planned", [past, symbols[1]], [found["begun"], found["own"]])
     history = np.concatenate(
         [
             part.ravel(order="F")
