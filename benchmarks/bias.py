@@ -49,7 +49,7 @@ from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import ModelPerson, Start, sample_person
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.loop import Trace, run_loop
 from ergoqp.step.stepper import Stepper
 

@@ -34,7 +34,7 @@ from benchmarks.report import Report, run
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.model_person import ModelPerson, Start, sample_person
-from ergoqp.rest.person import SensorModel, frames
+from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace
 from ergoqp.simulation.robot import moved

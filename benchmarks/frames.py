@@ -47,7 +47,7 @@ from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
 from ergoqp.rest.best_place import TURNS, awkward_start, tilted_frames
-from ergoqp.rest.person import Holding, Person, SensorModel
+from ergoqp.rest.person_protocol import Holding, Person, SensorModel
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.step import frames_check

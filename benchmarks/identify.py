@@ -42,7 +42,7 @@ from ergoqp.identification.identify import HABIT, Identified, Identifier
 from ergoqp.identification.loops import delay_of, watched
 from ergoqp.identification.promising import CandidateSearch, chosen
 from ergoqp.problem.load import TASKS
-from ergoqp.rest.person import Holding
+from ergoqp.rest.person_protocol import Holding
 from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind

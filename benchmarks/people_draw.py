@@ -24,7 +24,7 @@ from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import Holding, Person
+from ergoqp.rest.person_protocol import Holding, Person
 from ergoqp.seeking import Place
 from ergoqp.simulation.people import person_of_kind
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.person import Holding
+from ergoqp.rest.person_protocol import Holding
 from ergoqp.simulation.loop import Trace, power_above
 
 EARLY = 20.0

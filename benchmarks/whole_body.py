@@ -52,7 +52,7 @@ from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import ModelPerson, sample_person
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.check import Checker
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import Robot, WholeBody, load_robot

@@ -31,7 +31,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.responses import IkResponse, LinearResponse
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate

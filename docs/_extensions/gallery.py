@@ -54,7 +54,7 @@ def stopping_speed(axes: Any) -> None:
     dt, a = 0.01, 0.6
     distance = np.linspace(0, 0.0006, 400)
     knee = a * dt**2
-    # As `ergoqp.limits.twist.Braking.fastest`.
+    # As `ergoqp.limits.twist_and_stopping.Braking.fastest`.
     exact = (
         np.sqrt(a * (2 * np.maximum(distance, knee) - knee)) + np.minimum(distance - knee, 0) / dt
     )

@@ -40,8 +40,8 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place
-from ergoqp.rest.person import Holding, SensorModel
-from ergoqp.seeking.tries import Place
+from ergoqp.rest.person_protocol import Holding, SensorModel
+from ergoqp.seeking.next_place import Place
 from ergoqp.simulation.loop import check_numbers
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.robot import RobotKind

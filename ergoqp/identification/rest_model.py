@@ -30,9 +30,9 @@ from ergoqp.expressions import Evaluator, slices
 from ergoqp.human import Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.responses.following import gaze
 from ergoqp.responses.holding import Holding, Situated, hang, soles_of
 from ergoqp.responses.ik import IkResponse
+from ergoqp.responses.stance_and_gaze import gaze
 
 WEIGHT_SD: Final = 1.0
 """Standard deviation of the logarithm of a joint's weight."""

@@ -33,7 +33,7 @@ from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.geometry import Workspace, frame_of, pose_error, rotation_vector, turned
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.person import Holding
+from ergoqp.rest.person_protocol import Holding
 from ergoqp.step.answer import Step
 
 NOISE_DEG = 2.0

@@ -10,7 +10,7 @@ from ergoqp.limits.limit import LimitContext as LimitContext
 from ergoqp.limits.limit import Rows as Rows
 from ergoqp.limits.state import ArmLength as ArmLength
 from ergoqp.limits.state import OneClassBoundary as OneClassBoundary
-from ergoqp.limits.twist import AXES as AXES
-from ergoqp.limits.twist import TwistLimit as TwistLimit
+from ergoqp.limits.twist_and_stopping import AXES as AXES
+from ergoqp.limits.twist_and_stopping import TwistLimit as TwistLimit
 from ergoqp.limits.workspace import AxisCone as AxisCone
 from ergoqp.limits.workspace import WorkspaceBox as WorkspaceBox

@@ -20,7 +20,7 @@ from ergoqp.arguments import Range, check_parameters, check_text, object_of, sho
 from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.errors import InputError
 from ergoqp.limits.limit import Expression, LimitContext, Recovery, Rows
-from ergoqp.limits.twist import TwistLimit
+from ergoqp.limits.twist_and_stopping import TwistLimit
 
 
 class BoundaryModel(Protocol):

@@ -38,7 +38,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, Start
-from ergoqp.rest.person import read_posture
+from ergoqp.rest.person_protocol import read_posture
 
 FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""

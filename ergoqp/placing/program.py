@@ -42,9 +42,9 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.place import Place
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.following import LEG_JOINTS
 from ergoqp.responses.holding import Holding, Situated, hang
 from ergoqp.responses.ik import IkResponse
+from ergoqp.responses.stance_and_gaze import LEG_JOINTS
 
 MODES: Final = ("stackelberg", "cooperative")
 """Who chooses the posture: the person alone, by coming to rest; or the optimiser too.

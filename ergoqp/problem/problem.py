@@ -25,7 +25,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Limit, TwistLimit, WorkspaceBox
 from ergoqp.limits.custom import OwnLimits
 from ergoqp.limits.keep_out import WayOut
-from ergoqp.limits.twist import Stop
+from ergoqp.limits.twist_and_stopping import Stop
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.problem.validate import check_expression, check_kinds, check_pace, judge_terms
 from ergoqp.responses import IkResponse, LinearResponse, Response

@@ -11,7 +11,8 @@ import casadi as ca
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.responses.following import (
+from ergoqp.responses.ik import IkResponse
+from ergoqp.responses.stance_and_gaze import (
     LEG_JOINTS,
     STRAIGHT_KNEE,
     TRUNK,
@@ -21,12 +22,11 @@ from ergoqp.responses.following import (
     hanging,
     swinging,
 )
-from ergoqp.responses.ik import IkResponse
 
 _ROUND = 1e-3
 """Width of the transition from straight to bent knees [rad].
 
-See `ergoqp.responses.following.with_bent_knees`.
+See `ergoqp.responses.stance_and_gaze.with_bent_knees`.
 """
 
 

@@ -18,7 +18,7 @@ from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import PLACES, Problem, no_start
 from ergoqp.rest.model_person import ModelPerson, Start
-from ergoqp.rest.person import Person
+from ergoqp.rest.person_protocol import Person
 
 SPACING = 0.10
 """Distance of neighbouring places [m]."""

@@ -16,10 +16,10 @@ from ergoqp.expressions import Evaluator
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.following import LEG_JOINTS, TOOL_AXES, move_sole, with_bent_knees
 from ergoqp.responses.holding import soles_of
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import Holding, Person, SensorModel
+from ergoqp.responses.stance_and_gaze import LEG_JOINTS, TOOL_AXES, move_sole, with_bent_knees
+from ergoqp.rest.person_protocol import Holding, Person, SensorModel
 
 N = len(JOINTS)
 REACHED = 0.02

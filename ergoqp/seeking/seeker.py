@@ -25,7 +25,7 @@ from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.seeking.tries import Place, SearchState, SeekOptions, Try
+from ergoqp.seeking.next_place import Place, SearchState, SeekOptions, Try
 from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.model import stand_in
 from ergoqp.step.rest import BACK, LOOK, THERE

@@ -10,7 +10,7 @@ from ergoqp.joints import spoken
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import Person, SensorModel
+from ergoqp.rest.person_protocol import Person, SensorModel
 from ergoqp.sheets.reba import Method
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.guide import Guide

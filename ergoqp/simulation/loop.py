@@ -12,7 +12,7 @@ from ergoqp.arguments import check_number, check_whole
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
-from ergoqp.rest.person import LET_GO, Holding, Person, frames
+from ergoqp.rest.person_protocol import LET_GO, Holding, Person, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper

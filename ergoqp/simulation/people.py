@@ -12,7 +12,7 @@ from ergoqp.rest.model_person import sample_person
 if TYPE_CHECKING:
     from ergoqp.human import Body
     from ergoqp.problem.problem import Problem
-    from ergoqp.rest.person import Person
+    from ergoqp.rest.person_protocol import Person
 
 KINDS: Final = ("alike", *registered("person"))
 """Names of the kinds of people: like the model, and those that packages register.

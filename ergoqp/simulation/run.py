@@ -15,7 +15,7 @@ from ergoqp.expressions import pose_as_dict
 from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.seeking.tries import Try
+from ergoqp.seeking.next_place import Try
 from ergoqp.sheets.reba import Assessment
 from ergoqp.step.guide import Guide
 

@@ -16,7 +16,7 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.rest.person import (
+from ergoqp.rest.person_protocol import (
     Holding,
     Person,
     SensorModel,

@@ -21,7 +21,7 @@ import numpy as np
 from ergoqp.expressions import call_by_name, is_set, largest, marked, smallest
 from ergoqp.limits import Limit, LimitContext, Rows
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.twist import on_surface
+from ergoqp.limits.twist_and_stopping import on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.model import PLACE, StepModel

@@ -326,7 +326,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     n = found["weights"].numel() if "weights" in found else 0
     if n:
         # The addition of a mean that still rises toward the last planned twist, see
-        # `ergoqp.limits.twist.Stop`.
+        # `ergoqp.limits.twist_and_stopping.Stop`.
         rises = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0)
         rise = rises @ (law.stretch * law.longest * found["weights"])
         below, above = below + rise[many:], above + rise[:many]

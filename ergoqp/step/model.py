@@ -20,7 +20,7 @@ from ergoqp.errors import ProblemError
 from ergoqp.expressions import Evaluator, slices
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.twist import Braking
+from ergoqp.limits.twist_and_stopping import Braking
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import SOLVER, interrupted
 from ergoqp.step.frames_check import FRAMES

@@ -15,7 +15,7 @@ import numpy as np
 
 from ergoqp.expressions import Shape, call_by_name, is_set, marked, vectors, written_out
 from ergoqp.limits import Rows
-from ergoqp.limits.twist import Braking, on_surface
+from ergoqp.limits.twist_and_stopping import Braking, on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE, QpSolver
 from ergoqp.step.delay import off_rows

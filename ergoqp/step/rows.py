@@ -3,9 +3,9 @@
 From margins to bounds: what each row asks of the twist of this period. The bounds keep the whole
 stop after this period inside.
 
-The object stops along a straight line, see `ergoqp.limits.twist`. With the distance d left, a row
-holds through the stop if A xi <= d / h, with h = dt + t_s / 2 for the longest stop t_s that this
-period can cause.
+The object stops along a straight line, see `ergoqp.limits.twist_and_stopping`. With the distance d
+left, a row holds through the stop if A xi <= d / h, with h = dt + t_s / 2 for the longest stop t_s
+that this period can cause.
 
 This alone brakes too late. While another axis keeps t_s long, d / h falls at the rate v / h, but
 the row can be slowed only by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and farther away
@@ -27,7 +27,7 @@ import numpy as np
 from ergoqp.expressions import largest
 from ergoqp.limits import Limit, LimitContext, Rows, TwistLimit
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.twist import Braking, Stop
+from ergoqp.limits.twist_and_stopping import Braking, Stop
 from ergoqp.solvers.solver import FREE
 
 STEADY_RETURN = 0.01

@@ -12,7 +12,7 @@ import numpy as np
 
 from ergoqp.rest.best_place import grips_of
 from ergoqp.rest.model_person import ModelPerson, Start
-from ergoqp.rest.person import SensorModel, frames
+from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.state import Separation

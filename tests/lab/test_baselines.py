@@ -14,7 +14,7 @@ from ergoqp.lab.yardstick import Drive, Gradient, Still, Workspace, rule_pose
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import pose_error, turned
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind

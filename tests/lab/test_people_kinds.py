@@ -21,7 +21,7 @@ from ergoqp.lab.people.soft import REACHED, SoftHolding, SoftPerson
 from ergoqp.lab.yardstick import Workspace
 from ergoqp.problem.geometry import pose_error, straight, turned
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.person import LET_GO, SensorModel
+from ergoqp.rest.person_protocol import LET_GO, SensorModel
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.simulate import simulate
 

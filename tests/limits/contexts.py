@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.limits import LimitContext, Rows, TwistLimit
-from ergoqp.limits.twist import Stop
+from ergoqp.limits.twist_and_stopping import Stop
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.rows import movable_rows, no_further, row_bounds
 

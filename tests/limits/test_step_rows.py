@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, LimitContext, Rows, TwistLimit, WorkspaceBox
-from ergoqp.limits.twist import Stop
+from ergoqp.limits.twist_and_stopping import Stop
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.rows import (
     CLEARANCE,

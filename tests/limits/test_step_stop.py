@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ergoqp.limits import TwistLimit
-from ergoqp.limits.twist import Stop
+from ergoqp.limits.twist_and_stopping import Stop
 from ergoqp.problem.load import load_problem
 
 LIMIT = TwistLimit(0.2, 0.8, 0.6, 2.5)

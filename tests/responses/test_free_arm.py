@@ -13,7 +13,7 @@ from full_kkt import frame, placed
 import ergoqp
 from ergoqp.joints import INDEX
 from ergoqp.responses import IkResponse
-from ergoqp.responses.following import TRUNK, arm_of, hanging, swinging
+from ergoqp.responses.stance_and_gaze import TRUNK, arm_of, hanging, swinging
 from ergoqp.rest.model_person import ModelPerson
 
 NOBODY = np.zeros(32)

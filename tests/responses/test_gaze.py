@@ -13,7 +13,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.responses import IkResponse
-from ergoqp.responses.following import EYES_TURN, VIEWING_DISTANCE, beyond_ease
+from ergoqp.responses.stance_and_gaze import EYES_TURN, VIEWING_DISTANCE, beyond_ease
 from ergoqp.rest.model_person import ModelPerson
 
 NOBODY = np.zeros(32)

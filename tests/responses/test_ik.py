@@ -27,7 +27,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.responses import IkResponse
-from ergoqp.responses.following import arm_of
+from ergoqp.responses.stance_and_gaze import arm_of
 
 NOBODY = np.zeros(32)
 KINDS = list(

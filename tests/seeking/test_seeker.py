@@ -19,7 +19,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
 from ergoqp.rest.best_place import awkward_place
 from ergoqp.seeking import Place, Seeker, SeekOptions
-from ergoqp.seeking.tries import THEIRS
+from ergoqp.seeking.next_place import THEIRS
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run

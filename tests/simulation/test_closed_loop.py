@@ -10,7 +10,7 @@ from ergoqp.problem.geometry import frame_of
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.rest.model_person import sample_person
-from ergoqp.rest.person import SensorModel, frames
+from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import power_above, run_loop, settle_time
 from ergoqp.simulation.robot import RobotKind, moved

@@ -14,7 +14,7 @@ from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions import Evaluator
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import sample_person
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body

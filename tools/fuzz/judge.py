@@ -4,9 +4,9 @@ It is written in numpy, without the step's code.
 
 `Sent` holds speed, allowed axes, acceleration and jerk against what was sent before, and nothing
 else. `Law` decides whether some twist other than braking was possible. It goes by the law of the
-stop alone (the docstring of `ergoqp.limits.twist`), in its own arithmetic: what is under way counts
-first, then half a period at the new plan, the stop from it, and what a mean that still rises can
-add.
+stop alone (the docstring of `ergoqp.limits.twist_and_stopping`), in its own arithmetic: what is
+under way counts first, then half a period at the new plan, the stop from it, and what a mean that
+still rises can add.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class Joints:
 class Law:
     """How a problem's object stops, in numbers, and what could be sent instead of braking.
 
-    The law is that of `ergoqp.limits.twist`.
+    The law is that of `ergoqp.limits.twist_and_stopping`.
 
     The planned twists are the only thing that is read from the step: they are what its law is
     about. What was sent must be their mean over the last W seconds, which is checked here by
@@ -234,7 +234,7 @@ class Law:
     def climb(self) -> np.ndarray:
         """Return what is added (6,) while the mean still rises to the last planned twist.
 
-        See `ergoqp.limits.twist`.
+        See `ergoqp.limits.twist_and_stopping`.
         """
         W, way = self.problem.average, np.zeros(6)
         for sign in (1, -1) if W else ():

@@ -36,7 +36,7 @@ from ergoqp.lab.people.habits import AXIS, Sex, Work, draw_body, draw_habits, ge
 from ergoqp.problem.geometry import between, pose_error
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot
-from ergoqp.rest.person import LET_GO, Holding, Person, SensorModel, draw_senses
+from ergoqp.rest.person_protocol import LET_GO, Holding, Person, SensorModel, draw_senses
 
 _LOWEST: Final = 0.3
 """A standing person has fallen if the pelvis is below this share of its upright height.

@@ -13,7 +13,7 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.lab.people.habits import BASE, PersonParameters, Work
 from ergoqp.lab.people.soft import REACHED, SoftBody, SoftHolding, SoftPerson, Wish
 from ergoqp.problem.geometry import pose_error
-from ergoqp.rest.person import SensorModel
+from ergoqp.rest.person_protocol import SensorModel
 
 
 class FollowerPerson(SoftPerson):

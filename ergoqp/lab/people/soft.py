@@ -33,7 +33,7 @@ from ergoqp.lab.people.habits import (
 )
 from ergoqp.problem.geometry import LONGEST_SHIFT, LONGEST_TURN, between, straight
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.person import Holding, Person, SensorModel, draw_senses
+from ergoqp.rest.person_protocol import Holding, Person, SensorModel, draw_senses
 
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 

@@ -35,7 +35,7 @@ class SensorModel:
         InputError: if a value has the wrong type or is out of range, or a joint is unknown.
 
     Example:
-        >>> from ergoqp.rest.person import SensorModel
+        >>> from ergoqp.rest.person_protocol import SensorModel
         >>> senses = SensorModel(delay=0.2, bias_deg={"right_knee_flexion": 5.0})
         >>> float(senses.bias.max().round(4))
         0.0873

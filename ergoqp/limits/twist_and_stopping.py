@@ -1,7 +1,7 @@
 """Bounds on the twist, per axis, and how far the object moves at most until it stands still.
 
 Bounds on the twist, per axis: largest speed and largest acceleration. The bounds that follow for
-one period are in `ergoqp.limits.twist`.
+one period are in `ergoqp.limits.twist_and_stopping`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import pytest
 from ergoqp.errors import InputError
 from ergoqp.identification.loops import Resting
 from ergoqp.identification.promising import LIKELY, Candidate
-from ergoqp.seeking.tries import DESCENT, THEIRS, Place, SearchState, SeekOptions
+from ergoqp.seeking.next_place import DESCENT, THEIRS, Place, SearchState, SeekOptions
 
 
 def at(x: float) -> np.ndarray:
@@ -214,7 +214,7 @@ def test_all_is_tried_anew_where_somebody_moved_the_object() -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (dict(tries=-1), "seeking.tries"),
+        (dict(tries=-1), "seeking.next_place"),
         (dict(longest=float("nan")), "seeking.longest"),
         (dict(better="much"), "seeking.better"),
         (dict(returns=1.5), "seeking.returns"),

@@ -124,7 +124,7 @@ class Try:
 
     Example:
         >>> import numpy as np
-        >>> from ergoqp.seeking.tries import Try
+        >>> from ergoqp.seeking.next_place import Try
         >>> tried = Try("descent", "it begins here", 0.0, 4.5, np.eye(4), 2.1, "")
         >>> tried.ended - tried.begun
         4.5
