@@ -445,7 +445,7 @@ class Steps:
         """Return some of the features, by number."""
         kept = np.isin(self.column, [self.used[i] for i in features])
         arrays = (getattr(self, name)[kept] for name in _STEP_ARRAYS)
-        return Steps(*arrays, self.widths, self.shares)
+        return Steps(*arrays, widths=self.widths, shares=self.shares)
 
     @cached_property
     def _heights(self) -> Array:

@@ -28,7 +28,9 @@ def run_table(run: Run) -> RenderableType:
     """
     facts = facts_of(run)
     best = f"{_score(facts.best)} at {facts.best_at:.1f} s"
-    scores = [("REBA", _score(facts.before), _score(facts.after), best)]
+    scores: list[tuple[str | Text, ...]] = [
+        ("REBA", _score(facts.before), _score(facts.after), best)
+    ]
     for name in palette.SEGMENTS:
         before, after = facts.segments_before[name], facts.segments_after[name]
         style = "" if before == after else "bold"

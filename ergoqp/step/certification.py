@@ -277,7 +277,9 @@ def _decide_function(model: StepModel) -> ca.Function:
     trial = {}
     if model.guided:
         journey = (sx[name] for name in ("landed", "distance", "on", "promise", "value"))
-        next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
+        next_trial, rest = trial_update(
+            problem.control, sx["trial"], rest, *journey, dt=dt, counts=counts
+        )
         trial = {"next_trial": next_trial}
     wanted = ca.if_else(
         ca.logic_and(is_set(rest[0]), ca.logic_not(sx["must_move"])), brake.twist, sx["xi"]

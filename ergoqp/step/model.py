@@ -168,7 +168,7 @@ class Signals(dict[str, Any]):
 
     def function(self, name: str, outputs: Mapping[str, Any]) -> ca.Function:
         """Return the dense function of the symbols that gives `outputs`, by name."""
-        parts = [ca.densify(self._kind(part)) for part in outputs.values()]
+        parts: Any = [ca.densify(self._kind(part)) for part in outputs.values()]
         parts = ca.cse(parts) if self._kind is ca.SX else parts
         inputs = self.inputs
         return ca.Function(name, list(inputs.values()), parts, list(inputs), list(outputs))

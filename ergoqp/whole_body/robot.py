@@ -127,16 +127,28 @@ def load_robot(
             )
     ranges = model.jnt_range[joints]
     lower, upper = ranges[:, 0] + MARGIN, ranges[:, 1] - MARGIN
-    rates = [
+    speeds, accelerations = (
         _per_joint(spec, model, joints, what, given, path)
         for what, given in (("velocity", velocity), ("acceleration", acceleration))
-    ]
+    )
     if rest is None and "joint_rest" not in _numerics(spec):
         wished = (lower + upper) / 2
     else:
         wished = _per_joint(spec, model, joints, "rest", rest, path, positive=False)
     held, carrier = np.clip(wished, lower, upper), model.body(body).name
-    return Robot(path.stem, spec, frame, carrier, pose, names, lower, upper, *rates, held)
+    return Robot(
+        path.stem,
+        spec,
+        frame,
+        carrier,
+        pose,
+        names,
+        lower,
+        upper,
+        speeds,
+        accelerations,
+        held,
+    )
 
 
 def _path_of(robot: str | Path) -> Path:

@@ -271,7 +271,7 @@ def leg_angles(
         "ankle_flexion": _inside(side, "ankle_flexion", pitch, time),
         "ankle_inversion": _inside(side, "ankle_inversion", -out * roll, time),
     }
-    told = dict.fromkeys(("hip_flexion", "hip_abduction"), np.isfinite(up))
+    told: Angles = dict.fromkeys(("hip_flexion", "hip_abduction"), np.isfinite(up))
     told |= dict.fromkeys(("hip_rotation", "knee_flexion"), np.isfinite(bend))
     told |= dict.fromkeys(("ankle_flexion", "ankle_inversion"), np.isfinite(pitch))
     return angles, told
@@ -297,7 +297,7 @@ def _wrist_angles(
         "wrist_flexion": _inside(side, "wrist_flexion", flexion, time),
         "wrist_deviation": _inside(side, "wrist_deviation", deviation, time),
     }
-    told = dict.fromkeys(("wrist_flexion", "wrist_deviation"), np.isfinite(turned[:, 0]))
+    told: Angles = dict.fromkeys(("wrist_flexion", "wrist_deviation"), np.isfinite(turned[:, 0]))
     return angles, told | {"forearm_pronation": np.isfinite(left[:, 0])}
 
 
@@ -415,7 +415,7 @@ def _segment(
     x, y, _ = axes.inv().apply(left).T
     turned = np.where(seen & (np.hypot(x, y) > 0), np.arctan2(-x, y), np.nan)
     twist = _within_range(f"{name}_twist", turned, time)
-    told = dict.fromkeys(angles, seen) | {f"{name}_twist": np.isfinite(turned)}
+    told = {joint: seen for joint in angles} | {f"{name}_twist": np.isfinite(turned)}
     return angles | {f"{name}_twist": twist}, told, axes * Rotation.from_euler("Z", twist[:, None])
 
 

@@ -95,7 +95,7 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     notes = table.unread(words)
     if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
-    return table.motion(*arrays, notes)
+    return table.motion(*arrays, notes=notes)
 
 
 class _Table:

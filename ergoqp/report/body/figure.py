@@ -208,8 +208,10 @@ def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> s
         floor = number * height + top * _SCALE
         end = sum(widths[i] + _GAP for i in row)
         drawn.append(svg.line(0, floor, end, floor, "axis"))
-        held = floor - float(people[row[0]].drawing.contact[2, 3]) * _SCALE
-        drawn.append(svg.line(0, held, end, held, "mark"))
+        contact = people[row[0]].drawing.contact
+        if contact is not None:
+            held = floor - float(contact[2, 3]) * _SCALE
+            drawn.append(svg.line(0, held, end, held, "mark"))
         x = 0.0
         for i in row:
             drawn += _one(people[i], x + widths[i] / 2, floor, floor - bottom * _SCALE)
