@@ -46,7 +46,7 @@ def load_person_problem(name: str) -> Problem:
     problem = load_problem(name)
     if not _is_of_a_person(problem):
         moved = ", ".join(problem.coordinates)
-        raise InputError(f"problem {problem.name}: moves {moved}, allowed problems of a person")
+        raise InputError(f"problem {problem.name}: moves {moved}; choose a problem of a person")
     return problem
 
 

@@ -328,11 +328,11 @@ def guide_named(problem: Problem, name: str) -> Guide:
     if name == "best":
         with working("looking for the best place") as done:
             return read_guide(problem, optimise(problem, person_of(problem).comfort, progress=done))
-    path, allowed = Path(name), "allowed best or an optimum.json of `ergoqp optimise`"
+    path, remedy = Path(name), "give best or an optimum.json of `ergoqp optimise`"
     if not path.exists():
-        raise InputError(f"--guide: {name!r} is not there, {allowed}")
+        raise InputError(f"--guide: {name!r}: no such file; {remedy}")
     try:
         found = Optimum.load(path)
     except InputError:
-        raise InputError(f"--guide: {name!r} cannot be read as an optimum, {allowed}") from None
+        raise InputError(f"--guide: {name!r} cannot be read as an optimum; {remedy}") from None
     return read_guide(problem, found)

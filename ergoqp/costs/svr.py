@@ -342,7 +342,7 @@ class Svr(LearnedCost):
         centres, weights = dense(svr.support_vectors_), dense(svr.dual_coef_).ravel()
         if not len(weights):
             raise ModelError(
-                f"svr: no label is further than epsilon {epsilon:g} from all others, allowed a"
+                f"svr: no label is further than epsilon {epsilon:g} from all others; use a"
                 " smaller epsilon"
             )
         model = KernelSum(
@@ -413,7 +413,7 @@ def _candidates(
         return [Columns(varied)]
     if not len(steps):
         raise ModelError(
-            "svr: no input has a step in its effect on the label, allowed features: plain, auto"
+            "svr: no input has a step in its effect on the label; use features: plain or auto"
         )
     return [steps] if choice == "steps" else [steps, Columns(varied)]
 

@@ -145,9 +145,7 @@ def read_data(path: Path | str) -> DataSet:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except OSError as error:
-        raise ModelError(
-            f"{path.name}: cannot be read: {error.strerror}, allowed a CSV file"
-        ) from None
+        raise ModelError(f"{path.name}: cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ModelError(f"{path.name}: is not a CSV file ({error})") from None
     if len(rows) < 2:

@@ -138,8 +138,7 @@ def export_step(
         or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
     ):
         raise InputError(
-            f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier"
-            " export"
+            f"--out: {str(folder)!r} holds something else; give a new folder or an earlier export"
         )
     place = None if guide is None else read_guide(problem, guide)
     begin = example_start(problem, start)

@@ -76,7 +76,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     except ValueError as error:  # invalid TOML, and numbers with thousands of digits
         why = str(error)
     hint = next((f" ({hint})" for words, hint in _HINTS.items() if words in why), "")
-    raise InputError(f"{what}: {path.name}: not a TOML file: {why}, allowed TOML{hint}")
+    raise InputError(f"{what}: {path.name}: not a TOML file: {why}{hint}")
 
 
 def read_json(path: Path, what: str) -> Any:
@@ -104,7 +104,7 @@ def json_of(text: str, what: str) -> Any:
         why = "lists within lists without end"
     except ValueError as error:
         why = str(error)
-    raise InputError(f"{what}: not JSON: {why}, allowed JSON")
+    raise InputError(f"{what}: not JSON: {why}")
 
 
 def _constant(name: str) -> float:
@@ -119,22 +119,22 @@ def _text(path: Path, what: str, largest: int) -> str:
         # Opening a pipe or a device could block.
         if not stat.S_ISREG(found.st_mode):
             raise InputError(
-                f"{what}: {path.name}: is {'a directory' if path.is_dir() else 'no file'}, allowed"
-                " a file"
+                f"{what}: {path.name}: is {'a directory' if path.is_dir() else 'no file'}"
             )
         if found.st_size > largest:
             raise InputError(f"{what}: {path.name}: got {found.st_size} bytes, allowed {largest}")
         return path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{what}: {path.name}: no such file") from None
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{what}: {path.name}: not text: byte {error.start} is not UTF-8, allowed text"
+            f"{what}: {path.name}: not text: byte {error.start} is not UTF-8; save it as UTF-8"
         ) from None
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"{what}: {path.name} cannot be read: {getattr(error, 'strerror', None) or error},"
-            " allowed a file"
+            f"{what}: {path.name}: cannot be read: {getattr(error, 'strerror', None) or error}"
         ) from None
 
 
@@ -171,7 +171,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise ModelError(f"{path.name}: got no file, allowed a .npz file")
+            raise ModelError(f"{path.name}: is no file")
         with path.open("rb") as raw, zipfile.ZipFile(raw) as packed:
             claimed = sum(entry.file_size for entry in packed.infolist())
             if claimed > LARGEST:
@@ -181,16 +181,13 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
                 for entry in packed.infolist()
             }
     except FileNotFoundError:
-        raise ModelError(f"{path.name}: is not there, allowed a .npz file") from None
+        raise ModelError(f"{path.name}: no such file") from None
     except OSError as error:
-        raise ModelError(
-            f"{path.name}: cannot be read: {error.strerror or error}, allowed a .npz file"
-        ) from None
+        raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}") from None
     except _UNREADABLE as error:
         why = type(error).__name__
         raise ModelError(
-            f"{path.name}: got no .npz file of numbers, or a part of one ({why}), allowed a"
-            " whole one"
+            f"{path.name}: is no .npz file of numbers, or only a part of one ({why})"
         ) from None
     if missing := sorted(set(names or ()) - set(arrays)):
         raise ModelError(

@@ -107,7 +107,7 @@ def _collected(client: Any, futures: Mapping[Any, int]) -> Iterator[tuple[int, A
                     seen = time.monotonic()
                 elif time.monotonic() - seen > PATIENCE:
                     raise WorkersError(
-                        f"{where} has had no worker for {PATIENCE:g} s, allowed a cluster with one"
+                        f"{where} has had no worker for {PATIENCE:g} s; add one"
                     ) from None
                 continue
             for future in done:

@@ -66,10 +66,10 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         header = json.loads(arrays.pop(_HEADER).tobytes())
         claimed = header.pop("checksum")
         if header.pop("format") != FORMAT:
-            raise ModelError(f"{path.name}: is a model of another format, allowed {FORMAT}")
+            raise ModelError(f"{path.name}: is a model of another format; {FORMAT} is read")
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         raise ModelError(
-            f"{path.name}: is not a model file ({type(error).__name__}), allowed one of {FORMAT}"
+            f"{path.name}: is not a model file of {FORMAT} ({type(error).__name__})"
         ) from None
     if claimed != _checksum(header, arrays):
         raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")

@@ -176,7 +176,7 @@ class OneClass:
         model = cls.from_estimator(estimator, names)
         if model.decision(rows).max() <= 10 * _TOLERANCE:
             raise ModelError(
-                f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}, allowed a"
+                f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}; use a"
                 " smaller gamma"
             )
         return model
@@ -210,7 +210,7 @@ class OneClass:
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
         if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
             raise ModelError(
-                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed"
+                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}; use"
                 " another nu or gamma"
             )
         return model

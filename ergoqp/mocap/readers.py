@@ -99,8 +99,8 @@ def kind_of(path: Path) -> Kind:
         if _function("bag.is_bag_folder")(path):
             return BAG
         raise RecordingError(
-            f"{str(path)!r} is a folder, allowed the recording file itself, a bag's folder or one"
-            " with the ending of a reader of your own"
+            f"{str(path)!r} is a folder; give the recording file itself, a bag's folder or one with"
+            " the ending of a reader of your own"
         )
     ending = path.suffix.lower()
     of_ending = next((kind for kind in KINDS if ending in kind.endings), None)
@@ -109,13 +109,8 @@ def kind_of(path: Path) -> Kind:
     first = beginning(path, _LOOKED_AT)
     if first.startswith(_COMPRESSED):
         if first.startswith(b"PK") and any(word in first for word in _SHEETS):
-            raise RecordingError(
-                f"{path.name} is a file of a spreadsheet program, allowed the recording as text:"
-                " save it as CSV"
-            )
-        raise RecordingError(
-            f"{path.name} is compressed, allowed the recording itself: unpack it first"
-        )
+            raise RecordingError(f"{path.name} is a file of a spreadsheet program; save it as CSV")
+        raise RecordingError(f"{path.name} is compressed; unpack it first")
     found = _marked(first)
     if found is None and of_ending is MOTIVE:
         return TABLE

@@ -69,8 +69,8 @@ def as_recorded(
     elif stance != response.stance:
         raise InputError(
             f"--from: the person is {stance} in the recording and {response.stance} in problem"
-            f" {problem.name}, whose learned cost knows only that; allowed another frame, or the"
-            " cost smooth_reba"
+            f" {problem.name}, whose learned cost knows only that; choose another frame (--at) or"
+            " the cost smooth_reba"
         )
     posture = planted(recording, frame) if above is None else recording.postures[frame]
     notes = [
@@ -139,7 +139,7 @@ def planted(recording: Recording, frame: int) -> np.ndarray:
         place, axes, _ = (np.array(each) for each in soles[side](posture))
         if abs(place[2, 0] - floor) > _UNEVEN or axes[2, 2] < np.cos(_ASKEW):
             raise InputError(
-                f"--from: in frame {frame} the person neither sits nor stands on both feet, allowed"
+                f"--from: in frame {frame} the person neither sits nor stands on both feet; choose"
                 " another frame (--at)"
             )
     return posture

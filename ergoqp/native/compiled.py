@@ -65,9 +65,7 @@ def compiler() -> tuple[str, ...]:
         if words and shutil.which(words[0]):
             return tuple(words)
     got = f"CC={chosen!r}, which is not a program here" if chosen else "none of cc, gcc, clang"
-    raise CompilerError(
-        f"C compiler: got {got}, allowed one that is installed, for example gcc, or named in CC"
-    )
+    raise CompilerError(f"C compiler: found {got}; install one, for example gcc, or name it in CC")
 
 
 def shared_library(
@@ -111,8 +109,7 @@ def shared_library(
             made = Path(scratch) / "out.so"
             if not made.is_file() or not made.stat().st_size:
                 raise CompilerError(
-                    f"C compiler: got {shlex.join(command)!r}, which wrote no library, allowed a C"
-                    " compiler"
+                    f"C compiler: {shlex.join(command)!r} wrote no library; name a C compiler in CC"
                 )
             path = folder / f"{name}-{_digest(made)}.so"
             folder.mkdir(exist_ok=True)
@@ -120,8 +117,8 @@ def shared_library(
             made.replace(path)
     except OSError as error:
         raise CompilerError(
-            f"compiled step: got {error.strerror or error} in the cache {str(cache)!r}, allowed a"
-            " folder with room that can be written to, below XDG_CACHE_HOME or ~/.cache"
+            f"compiled step: the cache {str(cache)!r} cannot be written: {error.strerror or error};"
+            " give a folder with room, below XDG_CACHE_HOME or ~/.cache"
         ) from None
     return path
 
@@ -233,8 +230,8 @@ def daqp_licence() -> str:
         found = []
     if not found:
         raise CompilerError(
-            "DAQP's licence: got no LICENSE in the package 'daqp', allowed: `pip install daqp` as"
-            " published"
+            "DAQP's licence: the package 'daqp' has no LICENSE; install it as published:"
+            " `pip install daqp`"
         )
     return found[0].read_text(encoding="utf-8")
 
@@ -347,7 +344,7 @@ def generated(function: ca.Function, name: str) -> dict[str, str]:
         # The generator does not report that it cannot write.
         if not all(text.endswith("#endif\n") for text in texts.values()):
             raise CompilerError(
-                f"C code: got a file that is cut off in {str(Path(folder).parent)!r}, allowed a"
-                " folder with room"
+                f"C code: a file in {str(Path(folder).parent)!r} is cut off; give a folder with"
+                " room"
             )
         return texts

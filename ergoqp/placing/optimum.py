@@ -243,7 +243,7 @@ class Optimum:
             if isinstance(error, InputError) and str(error).startswith("optimum: "):
                 raise
             raise InputError(
-                f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote"
+                f"optimum: {str(path)!r} is no optimum; give a file that `Optimum.save` wrote"
             ) from None
 
 

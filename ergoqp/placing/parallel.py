@@ -39,7 +39,7 @@ def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1
         )
     except BrokenProcessPool:
         raise WorkersError(
-            f"jobs: one of {jobs} processes was ended, often for want of memory, allowed fewer jobs"
+            f"jobs: one of {jobs} processes was ended, often for want of memory; use fewer jobs"
         ) from None
 
 
@@ -64,7 +64,7 @@ def packed(option: str, calls: Sequence[tuple]) -> list[bytes]:
     except Exception as error:
         raise InputError(
             f"{option}: the terms of the problem cannot be sent to other processes"
-            f" ({in_words(error)}), allowed one process"
+            f" ({in_words(error)}); use one process"
         ) from None
 
 

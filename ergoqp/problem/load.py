@@ -221,7 +221,7 @@ def _find(name: str | Path) -> Path:
         return _found(path, str(name))
     except OSError as error:
         raise ProblemError(
-            f"problem: got {shown(str(name))}: {error.strerror}, allowed the path of a .toml file"
+            f"problem: {shown(str(name))}: {error.strerror}; give the path of a .toml file"
         ) from None
 
 
@@ -235,7 +235,7 @@ def _found(path: Path, name: str) -> Path:
             )
     elif not path.is_file():
         raise ProblemError(
-            f"problem: {name!r} is {'a directory' if path.is_dir() else 'not there'}, allowed a"
+            f"problem: {name!r}: {'is a directory' if path.is_dir() else 'no such file'}; give a"
             " .toml file"
         )
     return path

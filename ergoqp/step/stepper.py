@@ -336,8 +336,7 @@ class Stepper:
         """
         if not self._guided:
             raise InputError(
-                "guide: the stepper was made without one, allowed only where Stepper(guide=...) had"
-                " a place"
+                "guide: the stepper was made without one; make it with Stepper(guide=...)"
             )
         usual, state, _, frame = self._ready
         place, notes = None, dict[str, str]()
@@ -346,9 +345,7 @@ class Stepper:
         except InputError as error:
             notes["guide"] = str(error)
         except Exception as error:  # any error of a user's object; the loop goes on
-            notes["guide"] = (
-                f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
-            )
+            notes["guide"] = f"guide: cannot be read ({type(error).__name__}); give a pose (4, 4)"
         self._ready = (self._led(usual, place), self._forgotten(state, "trial"), notes, frame)
 
     def _led(self, usual: np.ndarray, place: Guide | None) -> np.ndarray:

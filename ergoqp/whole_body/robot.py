@@ -222,7 +222,7 @@ def _per_joint(
         found = _numerics(spec).get(f"joint_{what}")
         if found is None:
             raise InputError(
-                f"{what}: {path.name} does not say it, allowed {what}=... or its custom numeric"
+                f"{what}: {path.name} does not say it; give {what}=... or its custom numeric"
                 f" 'joint_{what}'"
             )
         # The list of the file has all its joints, in order.

@@ -192,7 +192,7 @@ class TestRun:
         ("arguments", "words"),
         [
             (("nonsense",), "problem: got 'nonsense', allowed dentist, desk"),
-            (("missing.toml",), "'missing.toml' is not there"),
+            (("missing.toml",), "'missing.toml': no such file"),
             ((".",), "a directory"),
             (("screwing", "--at", "1"), "--at: got 1 s, but there is no recording"),
             (("screwing", "--up", "z"), "--up: got 'z', but there is no recording"),

@@ -50,13 +50,13 @@ def test_the_best_place_is_looked_for(ergoqp, tmp_path):
 
 def test_mistakes(ergoqp, tmp_path, optimum):
     _, folder = optimum
-    allowed = "allowed best or an optimum.json of `ergoqp optimise`"
-    assert f"--guide: 'nowhere.json' is not there, {allowed}" in mistake(
+    remedy = "give best or an optimum.json of `ergoqp optimise`"
+    assert f"--guide: 'nowhere.json': no such file; {remedy}" in mistake(
         ergoqp("run", "desk", "--guide", "nowhere.json")
     )
     (tmp_path / "group.json").write_text('{"problem": "desk", "people": 2}', encoding="utf-8")
     told = mistake(ergoqp("run", "desk", "--guide", "group.json"))
-    assert f"--guide: 'group.json' cannot be read as an optimum, {allowed}" in told
+    assert f"--guide: 'group.json' cannot be read as an optimum; {remedy}" in told
     assert "guide: got a place of problem 'desk', allowed one of problem screwing" in mistake(
         ergoqp("run", "screwing", "--guide", folder)
     )

@@ -161,7 +161,7 @@ def test_a_most_of_support_vectors(tmp_path):
             np.random.default_rng(0).normal(size=(30, 3)),
             np.arange(30),
             {"epsilon": 1e3},
-            "allowed a smaller epsilon",
+            "use a smaller epsilon",
         ),
         (np.eye(30)[:, :3], np.arange(30), {"C": 0.0}, "C: got 0.0"),
         (np.eye(30)[:, :3], np.arange(30), {"gamma": np.inf}, "gamma: got inf"),

@@ -46,7 +46,7 @@ def test_an_array_that_claims_more_than_it_holds_is_refused_before_anything_is_a
     path = packed(tmp_path / "model.npz", header=npy(shape, b"\x00" * 80))
     tracemalloc.start()
     with pytest.raises(
-        ModelError, match=r"model\.npz: got no \.npz file of numbers, or a part of one"
+        ModelError, match=r"model\.npz: is no \.npz file of numbers, or only a part of one"
     ):
         read_npz(path)
     assert tracemalloc.get_traced_memory()[1] < 10_000_000

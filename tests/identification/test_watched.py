@@ -180,7 +180,7 @@ def test_a_folder_with_a_pipe_or_too_much_is_refused_at_once(
         ergoqp.identify(problem, tmp_path)
     (tmp_path / "run.npz").unlink()
     os.mkfifo(tmp_path / "run.npz")
-    with pytest.raises(InputError, match=r"^rests: got the folder .*got no file"):
+    with pytest.raises(InputError, match=r"^rests: got the folder .*is no file"):
         ergoqp.identify(problem, tmp_path)
 
 

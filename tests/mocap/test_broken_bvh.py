@@ -195,7 +195,7 @@ def test_bytes_that_are_no_text(content: bytes, tmp_path: Path):
 
 
 def test_places_that_are_no_file(tmp_path: Path):
-    assert "got no file" in message(tmp_path / "missing.bvh")
+    assert "no such file" in message(tmp_path / "missing.bvh")
     assert "not a file" in message(tmp_path)
     assert "cannot be read" in message(tmp_path / ("x" * 5000))
 

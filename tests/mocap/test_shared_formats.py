@@ -141,7 +141,7 @@ REFUSED = (
         "the pelvis cannot be placed; the recording needs at least one of pelvis",
     ),
     # Its tables, one for each bone, are read by the own reader of the examples.
-    ("kth_handover_giver", {}, "is a folder, allowed the recording file itself"),
+    ("kth_handover_giver", {}, "is a folder; give the recording file itself"),
 )
 
 

@@ -74,7 +74,7 @@ def test_no_optimum(text, tmp_path):
 
 
 def test_not_there(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         Optimum.load(tmp_path / "none.json")
 
 

@@ -166,7 +166,7 @@ def test_the_only_worker_is_gone(cluster, monkeypatch):
     results = on_cluster(time.sleep, [(0.05,)] * 400, cluster.scheduler_address)
     with pytest.raises(
         WorkersError,
-        match=r"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one",
+        match=r"scheduler: tcp://.* has had no worker for 2 s; add one",
     ):
         list(after_first(results, lambda: cluster.scale(0)))
 

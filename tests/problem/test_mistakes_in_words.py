@@ -236,11 +236,11 @@ def test_a_key_at_the_wrong_place_is_told_the_right_one(text: str, said: str) ->
         ("stance = seated", r"\(a text stands in quotation marks, and true and false are lower"),
         ("looks = True", r"\(a text stands in quotation marks, and true and false are lower"),
         ("stature = 1,75", r"\(is there a decimal comma, or more after the value\?\)"),
-        ("[a\nb = 1", "allowed TOML$"),
+        ("[a\nb = 1", "not a TOML file: [^()]*$"),
     ],
 )
 def test_what_is_no_toml_has_a_hint_for_common_slips(text: str, hint: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=f"not a TOML file: .*, allowed TOML.*{hint}|{hint}"):
+    with pytest.raises(InputError, match=hint):
         read_toml(path, "problem")

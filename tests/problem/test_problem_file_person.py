@@ -69,10 +69,10 @@ def test_another_person_follows_otherwise(folder: Path) -> None:
         ),
         ({"person": 1.7}, "response.ik.person: got 1.7, allowed a text"),
         ({"person": ["me.toml"]}, "response.ik.person: got ['me.toml'], allowed a text"),
-        ({"person": "none.toml"}, "person file: none.toml cannot be read: No such file"),
-        ({"person": "people"}, "person file: people: is a directory, allowed a file"),
+        ({"person": "none.toml"}, "person file: none.toml: no such file"),
+        ({"person": "people"}, "person file: people: is a directory"),
         ({"person": ""}, "person file: got '', allowed a file"),
-        ({"person": "a\x00b"}, "cannot be read: embedded null byte, allowed a file"),
+        ({"person": "a\x00b"}, "cannot be read: embedded null byte"),
         ({"person": "bad.toml"}, "person file bad.toml: got ['height'], allowed stature, mass"),
         (
             {"person": "nan.toml"},

@@ -300,7 +300,7 @@ def test_whatever_a_place_does_when_it_is_read_the_loop_goes_on() -> None:
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
     assert (step.status, step.reason) == (
         "optimal",
-        "guide: cannot be read (ValueError), allowed a pose (4, 4)",
+        "guide: cannot be read (ValueError); give a pose (4, 4)",
     )
 
 

@@ -54,9 +54,7 @@ def _check_name(path: Path) -> None:
         first = beginning(path, max(map(len, BAG_MARKS)))
         ending = next((end for mark, end in BAG_MARKS.items() if first.startswith(mark)), None)
         if ending is None:
-            raise RecordingError(
-                f"{path.name}: got a file that does not begin like a bag, allowed a whole ROS bag"
-            )
+            raise RecordingError(f"{path.name}: does not begin like a ROS bag")
         if path.suffix != ending:
             raise RecordingError(
                 f"{path.name}: got a ROS bag with another ending, allowed {ending}: rename it"
@@ -75,22 +73,22 @@ def faults(path: Path) -> Iterator[None]:
     except ErgoqpError:
         raise
     except Exception as error:  # of rosbags, SQLite or YAML, or any other that broken bytes cause
-        raise RecordingError(f"{path.name}: {_fault(error)}, allowed a whole ROS bag") from None
+        raise RecordingError(f"{path.name}: {_fault(error)}") from None
 
 
 def _fault(error: Exception) -> str:
     """Return in words what an exception means for a bag."""
     # Only an OSError of the system has a number; archive readers raise others, without one.
     if isinstance(error, OSError) and error.errno and error.strerror:
-        return f"got a bag that cannot be read ({error.strerror})"
+        return f"cannot be read ({error.strerror})"
     said = " ".join(str(error).split())
     if "not indexed" in said:
-        return "got a bag without an index, because its recording was cut off"
+        return "the bag has no index, because its recording was cut off"
     if "missing: [" in said:
-        return "got a metadata.yaml that names missing files"
+        return "metadata.yaml names files that are missing"
     if "support" in said.lower():
-        return f"got a bag of a kind that rosbags does not read ({said.partition(';')[0][:80]})"
-    return "got a bag that is damaged or cut off"
+        return f"a bag of a kind that rosbags does not read ({said.partition(';')[0][:80]})"
+    return "the bag is damaged or cut off"
 
 
 MARKERS: Final = "visualization_msgs/msg/MarkerArray"

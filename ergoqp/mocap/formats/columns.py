@@ -238,9 +238,7 @@ def side_by_side(
         RecordingError: if a row has no time, or time runs backwards for a person.
     """
     if len(lost := np.flatnonzero(~np.isfinite(keys) & np.isfinite(whose))):
-        raise RecordingError(
-            f"{where}: row {lost[0] + 1} of the numbers has no time, allowed a time for each row"
-        )
+        raise RecordingError(f"{where}: row {lost[0] + 1} of the numbers has no time")
     stamps = np.unique(keys[np.isfinite(keys)])
     often = np.bincount(whose[np.isfinite(whose)].astype(int), minlength=len(people.labels))
     kept = np.sort(np.argsort(-often, kind="stable")[:_CROWD])
@@ -254,10 +252,7 @@ def side_by_side(
         own, name = np.flatnonzero(whose == person), f"{where}: {short(labels[person])}"
         if len(back := np.flatnonzero(np.diff(keys[own]) < 0)):
             before, after = keys[own[back[0]]], keys[own[back[0] + 1]]
-            raise RecordingError(
-                f"{name}: time runs backwards from {before:.10g} to {after:.10g}, allowed times"
-                " that increase"
-            )
+            raise RecordingError(f"{name}: time runs backwards from {before:.10g} to {after:.10g}")
         taken, said = drop_duplicate_times(name, keys[own], [positions[own]], remedy)
         own = own[taken]
         out[np.searchsorted(stamps, keys[own]), at * count : (at + 1) * count] = positions[own]

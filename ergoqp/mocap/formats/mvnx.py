@@ -320,8 +320,8 @@ def _check_declarations(path: Path, file: BinaryIO) -> None:
             parser.Parse(text)
             if not begun and file.tell() > _PROLOG:
                 raise RecordingError(
-                    f"{path.name}: got {_PROLOG >> 20} MB above the first element, allowed an MVNX"
-                    " file"
+                    f"{path.name}: {_PROLOG >> 20} MB stand above the first element; this is no"
+                    " MVNX file"
                 )
     file.seek(0)
 
@@ -346,8 +346,8 @@ def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any, bool]]:
     except ElementTree.ParseError as error:
         line, column = error.position
         raise RecordingError(
-            f"{path.name}, line {line}: got no XML at column {column + 1}"
-            f" ({error.msg.split(':')[0]}), allowed a whole MVNX file"
+            f"{path.name}, line {line}: no XML at column {column + 1}"
+            f" ({error.msg.split(':')[0]}); the file is cut or damaged"
         ) from None
     except (ValueError, LookupError) as error:
         raise RecordingError(
@@ -367,8 +367,8 @@ def _events(path: Path, file: BinaryIO) -> Iterator[Any]:
             yield event
         if quiet > _LONGEST:
             raise RecordingError(
-                f"{path.name}: got {_LONGEST * _CHUNK >> 20} MB in which no element begins or ends,"
-                " allowed an MVNX file"
+                f"{path.name}: no element begins or ends in {_LONGEST * _CHUNK >> 20} MB; this is"
+                " no MVNX file"
             )
     parser.close()
     yield from parser.read_events()

@@ -30,12 +30,10 @@ def binary(path: Path) -> Iterator[BinaryIO]:
     try:
         # Opening a pipe or a device would wait for someone to write.
         if path.exists() and not path.is_file():
-            raise RecordingError(f"{str(path)!r} is not a file, allowed the recording file itself")
+            raise RecordingError(f"{str(path)!r} is not a file; give the recording file itself")
         file = path.open("rb")
     except FileNotFoundError:
-        raise RecordingError(
-            f"{path.name}: got no file {str(path)!r}, allowed a recording"
-        ) from None
+        raise RecordingError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from None
     with file:
@@ -64,9 +62,7 @@ def some(names: tuple[str, ...] | list[str], most: int = 12) -> str:
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:
     reason = getattr(error, "strerror", None) or error
-    return RecordingError(
-        f"{short(path.name or str(path))} cannot be read: {reason}, allowed a recording"
-    )
+    return RecordingError(f"{short(path.name or str(path))}: cannot be read: {reason}")
 
 
 EMPTY: Final = " \t,;"
@@ -521,16 +517,14 @@ def to_seconds(
     if not len(stamps):
         raise RecordingError(f"{where}: got no frame, allowed a recording with movement in it")
     if len(lost := np.flatnonzero(~np.isfinite(stamps))):
-        raise RecordingError(
-            f"{where}: frame {lost[0] + 1} has no time, allowed a time for each frame"
-        )
+        raise RecordingError(f"{where}: frame {lost[0] + 1} has no time")
     time = stamps - stamps[0]
     steps = np.diff(time)
     if len(back := np.flatnonzero(steps < 0)):
         at = int(back[0])
         raise RecordingError(
             f"{where}: time runs backwards from frame {at + 1} to {at + 2}, from"
-            f" {stamps[at]:.10g} to {stamps[at + 1]:.10g}, allowed times that increase"
+            f" {stamps[at]:.10g} to {stamps[at + 1]:.10g}"
         )
     notes = []
     if unit is None:

@@ -19,7 +19,7 @@ def read_centres(path: Path) -> JointMotion:
     try:
         head, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
     except OSError as error:
-        raise RecordingError(f"{path.name}: got {error.strerror}, allowed a file") from None
+        raise RecordingError(f"{path.name}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{path.name}: got byte {error.start}, which is not UTF-8, allowed a text"

@@ -182,7 +182,7 @@ def test_many_parameters_are_read_soon(shape: tuple[int, int], tmp_path: Path) -
 
 
 def test_places_that_are_no_file(tmp_path: Path) -> None:
-    refused(read_c3d, tmp_path / "missing.c3d", "got no file")
+    refused(read_c3d, tmp_path / "missing.c3d", "no such file")
     refused(read_c3d, tmp_path, "is not a file")
     refused(read_c3d, tmp_path / ("x" * 5000), "cannot be read")
 

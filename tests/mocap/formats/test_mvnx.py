@@ -154,14 +154,14 @@ def test_two_people(tmp_path: Path) -> None:
 
 
 BROKEN = {
-    "empty": ("", "^a.mvnx, line 1: got no XML at column 1 .*, allowed a whole MVNX file"),
-    "other": ("HIERARCHY\n", "^a.mvnx, line 1: got no XML at column 1 "),
+    "empty": ("", "^a.mvnx, line 1: no XML at column 1 .*; the file is cut or damaged"),
+    "other": ("HIERARCHY\n", "^a.mvnx, line 1: no XML at column 1 "),
     "other XML": ("<a><b/></a>", "^a.mvnx: got no segments, allowed an MVNX file with a subject"),
-    "cut in an element": (MVNX[: MVNX.rindex("<position") + 4], r"^a.mvnx, line 29: got no XML"),
-    "cut in a text": (MVNX[: MVNX.rindex("</position")], r"^a.mvnx, line 29: got no XML"),
-    "cut in the head": (MVNX[:200], "^a.mvnx, line 5: got no XML"),
-    "cut behind the frames": (MVNX[: MVNX.rindex("</subject")], "^a.mvnx, line 33: got no XML"),
-    "an entity": (MVNX.replace("Somebody", "&who;"), "^a.mvnx, line 3: got no XML"),
+    "cut in an element": (MVNX[: MVNX.rindex("<position") + 4], r"^a.mvnx, line 29: no XML"),
+    "cut in a text": (MVNX[: MVNX.rindex("</position")], r"^a.mvnx, line 29: no XML"),
+    "cut in the head": (MVNX[:200], "^a.mvnx, line 5: no XML"),
+    "cut behind the frames": (MVNX[: MVNX.rindex("</subject")], "^a.mvnx, line 33: no XML"),
+    "an entity": (MVNX.replace("Somebody", "&who;"), "^a.mvnx, line 3: no XML"),
     "no subject": (
         MVNX.replace("<subject", "<object").replace("</subject", "</object"),
         "^a.mvnx: got no segments, allowed an MVNX file with a subject",
@@ -239,16 +239,16 @@ BROKEN = {
     "deep": (ROOT + "<a>" * 10**5, "got elements nested too deeply"),
     "a long prolog": (
         MVNX.replace("?>\n", f"?>\n<!-- {'x' * (2 << 20)} -->\n"),
-        "got 1 MB above the first element, allowed an MVNX file",
+        "1 MB stand above the first element; this is no MVNX file",
     ),
     "a long name": (
         MVNX.replace("Somebody", "x" * (20 << 20)),
-        "got 16 MB in which no element begins or ends, allowed an MVNX file",
+        "no element begins or ends in 16 MB; this is no MVNX file",
     ),
     "unknown encoding": (MVNX.replace("UTF-8", "klingon"), "line 1: got .*, allowed"),
     "wide encoding": (MVNX.replace("UTF-8", "shift_jis"), "line 1: got an encoding that is not"),
-    "not UTF-8": (MVNX.replace("Somebody", "Jürgen").encode("latin-1"), "line 3: got no XML"),
-    "garbage": (bytes(range(256)) * 20, "line 1: got no XML at column 1 "),
+    "not UTF-8": (MVNX.replace("Somebody", "Jürgen").encode("latin-1"), "line 3: no XML"),
+    "garbage": (bytes(range(256)) * 20, "line 1: no XML at column 1 "),
 }
 
 
@@ -259,7 +259,7 @@ def test_a_broken_file_is_told(name: str, tmp_path: Path) -> None:
 
 
 def test_places_that_are_no_file(tmp_path: Path) -> None:
-    refused(read_mvnx, tmp_path / "missing.mvnx", "got no file")
+    refused(read_mvnx, tmp_path / "missing.mvnx", "no such file")
     refused(read_mvnx, tmp_path, "is not a file")
     refused(read_mvnx, tmp_path / ("x" * 5000), "cannot be read")
 

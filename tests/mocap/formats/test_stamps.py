@@ -72,8 +72,8 @@ def test_times_increase_whatever_is_rounded(stamps: list[float], unit: float | N
     ("stamps", "sentence"),
     [
         ([], "^a: got no frame, allowed a recording with movement in it$"),
-        ([0, np.nan, 1], "^a: frame 2 has no time, allowed a time for each frame$"),
-        ([0, 0.2, 0.1], r"^a: time runs backwards from frame 2 to 3, from 0\.2 to 0\.1, allowed"),
+        ([0, np.nan, 1], "^a: frame 2 has no time$"),
+        ([0, 0.2, 0.1], r"^a: time runs backwards from frame 2 to 3, from 0\.2 to 0\.1$"),
         ([0, 1e15, 2e15], r"^a: the frames are 1e\+15 apart in time, allowed a"),
         ([0, 1e-5, 2e-5], r"^a: the frames are 1e-05 apart in time, allowed a"),
     ],
