@@ -198,7 +198,7 @@ def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(
         CompilerError,
-        match="compiled step: the cache .* cannot be written: No space left on device",
+        match=r"compiled step: the cache .* cannot be written: No space left on device",
     ):
         shared_library("small", SMALL, [], [])
 
