@@ -394,3 +394,19 @@ def test_a_twist_that_is_no_number_leaves_no_trace(wrong: float) -> None:
         assert stepper.step(q, twist=np.full(6, wrong), **given).status == "invalid"
         assert np.isfinite(stepper.state()).all()
     assert not stepper.step(q).account("astray").any()
+
+
+@pytest.mark.parametrize("share", [0.0, -1.0, 3.0])
+def test_a_sample_over_a_period_that_is_too_long_shows_nothing(share: float) -> None:
+    """Its noise over that time exceeds a fault; the same lie at the usual period is named."""
+    q = near_comfort("screwing", np.random.default_rng(5), 20)
+    for dt, named in ((0.05, False), (0.01, True)):
+        stepper = Stepper(problem_of("screwing"))
+        step = stepper.step(q, held_pose("screwing"))
+        for _ in range(100):
+            step = stepper.step(q, twist=step.twist)
+        reasons = []
+        for _ in range(20):
+            step = stepper.step(q, twist=share * step.twist, dt=dt)
+            reasons.append(step.reason)
+        assert any("robot:" in reason for reason in reasons) == named
