@@ -224,6 +224,6 @@ def test_the_same_object_is_tried_once(base: Problem, monkeypatch: pytest.Monkey
 
 def test_only_a_term_that_takes_a_tenth_of_a_period_is_called_slow() -> None:
     times = {"cost upright": 0.0011, "response": 0.0005}
-    assert tried.slowest(times, 0.01) == "cost upright (1.1 ms when it was tried)"
-    assert tried.slowest({name: took / 2 for name, took in times.items()}, 0.01) == ""
-    assert tried.slowest({}, 0.01) == ""
+    assert validate.slowest(times, 0.01) == "cost upright (1.1 ms when it was tried)"
+    assert validate.slowest({name: took / 2 for name, took in times.items()}, 0.01) == ""
+    assert validate.slowest({}, 0.01) == ""
