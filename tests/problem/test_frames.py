@@ -22,7 +22,7 @@ def flange_somewhere() -> np.ndarray:
 
 
 def test_frames_of_identity_move_nothing() -> None:
-    assert Frames(camera=BASE, spread=0.05).moved is False
+    assert Frames(camera=BASE).moved is False
     assert Frames(BASE).moved is Frames(flange=FLANGE).moved is True
 
 
