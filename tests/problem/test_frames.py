@@ -21,6 +21,11 @@ def flange_somewhere() -> np.ndarray:
     return moved(np.eye(4), np.array([0.4, -0.3, 0.2, 0.5, -1.1, 0.4]))
 
 
+def test_frames_of_identity_move_nothing() -> None:
+    assert Frames(camera=BASE).moved is False
+    assert Frames(BASE).moved is Frames(flange=FLANGE).moved is True
+
+
 def test_the_contact_is_reached_by_base_pose_and_flange() -> None:
     frames = Frames(BASE, FLANGE)
     pose = flange_somewhere()

@@ -54,6 +54,8 @@ def test_a_workspace_without_a_place_is_refused_in_one_sentence(
     [
         # The tallest reach it with a step, some people only its nearest part.
         [WorkspaceBox((1.7, -0.5, 0.7), (2.6, 0.4, 1.7))],
+        # All of its corners are out of reach, and its middle is not.
+        [WorkspaceBox((-2.0, -2.0, 0.2), (2.0, 2.0, 2.5))],
         # A gap of 0.1 mm, a corner, and a region of a user, of which nobody knows where it ends.
         [FRONT, *kept(LEFT, Box((0.5001, -0.6, 0.6), (0.9, 0.4, 1.8)))],
         [FRONT, *kept(Ball((0.25, -0.55, 0.7), 1.42))],

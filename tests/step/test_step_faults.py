@@ -106,6 +106,7 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
     assert fault_sentence(Fault.position_scatters, 0.002) == fault_sentence(
         Fault.position_scatters, 0.0011
     )
+    assert [int(kind) for kind in Fault] == list(range(11))
     assert len(set(said.values())) == len(Fault)
     for amount in (0.996, 1.004):
         assert fault_sentence(Fault.factor, amount) == "robot: drifts from what was sent"

@@ -311,6 +311,12 @@ def test_a_problem_without_a_person_has_no_place_for_an_object() -> None:
         Stepper(problem_of("forearm"), guide=np.eye(4))
 
 
+@pytest.mark.parametrize("firm", ["no", 2, None])
+def test_a_guide_is_firm_or_is_not(firm: Any) -> None:
+    with pytest.raises(InputError, match=r"guide\.firm: got"):
+        read_guide(problem_of("screwing"), Guide(held_pose("screwing"), firm=firm))
+
+
 def test_a_stepper_without_a_guide_says_that_it_has_none() -> None:
     with pytest.raises(InputError, match="guide: the stepper was made without one"):
         Stepper(problem_of("screwing")).guide(held_pose("screwing"))

@@ -410,3 +410,16 @@ def test_a_sample_over_a_period_that_is_too_long_shows_nothing(share: float) -> 
             step = stepper.step(q, twist=share * step.twist, dt=dt)
             reasons.append(step.reason)
         assert any("robot:" in reason for reason in reasons) == named
+
+
+def test_a_reported_speed_that_jumps_is_named_so() -> None:
+    q = near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper = Stepper(problem_of("screwing"))
+    step = stepper.step(q, held_pose("screwing"))
+    for _ in range(100):
+        step = stepper.step(q, twist=step.twist)
+    reasons = []
+    for _ in range(5):
+        step = stepper.step(q, twist=-10 * step.twist - 0.5)
+        reasons.append(step.reason)
+    assert "robot: speed jumps" in reasons

@@ -132,3 +132,15 @@ def test_rest_and_motion_both_occur() -> None:
         time_until(True, 0.0, 2.0, must_move=True, most=3 * control.stall_after)
         == 3 * control.stall_after
     )
+
+
+def test_an_object_that_left_its_lowest_cost_gives_up_after_twice_the_time() -> None:
+    control, dt = Control(stall_after=0.3, rest_filter=0.01), 0.01
+    update, rest, moved = compiled(control), np.zeros(STATES), 0
+    # One frame at the lowest cost, and then far above it.
+    for value in [2.0] + [3.0] * 200:
+        rest = np.array(update(rest, 10 * control.move_above, value, False, dt, 1)[0]).ravel()
+        moved += rest[0] < 0.5
+        if rest[0] > 0.5:
+            break
+    assert moved * dt == pytest.approx(2 * control.stall_after, abs=2 * dt)

@@ -361,6 +361,20 @@ def test_what_was_sent_instead_may_be_at_the_limit_to_rounding(beyond: float) ->
             stepper.sent_instead(sent)
 
 
+def test_the_next_step_goes_on_from_what_was_sent_instead() -> None:
+    stepper = Stepper(plain_of("screwing"))
+    q, pose = near_comfort("screwing", np.random.default_rng(5), 20), held_pose("screwing")
+    step = stepper.step(q, pose)
+    for _ in range(50):
+        step = stepper.step(q)
+    sent, change = 0.5 * step.twist, stepper.problem.twist_limit.acceleration * stepper.problem.dt
+    assert (np.abs(step.twist - sent) > 2 * change).any()
+    stepper.sent_instead(sent)
+    for step in (stepper.step(q), stepper.brake()):
+        assert (np.abs(step.twist - sent) <= change * (1 + 1e-9)).all()
+        sent = step.twist
+
+
 def test_what_the_noise_of_its_pose_may_have_moved_out_is_not_asked_back() -> None:
     noise, problem = 0.002, problem_of("screwing")
     problem = problem.replace(robot=DeclaredRobot(pose_noise=noise))
