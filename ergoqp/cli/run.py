@@ -29,7 +29,6 @@ from ergoqp.cli.options import Guide as GuideName
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.lab.population import person_of
 from ergoqp.lab.yardstick import rule_pose
 from ergoqp.mocap import Recording
 from ergoqp.mocap.recorded import as_recorded
@@ -40,6 +39,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place
+from ergoqp.rest.model_person import person_of
 from ergoqp.rest.person_protocol import Holding, SensorModel
 from ergoqp.seeking.next_place import Place
 from ergoqp.simulation.loop import check_numbers

@@ -33,10 +33,9 @@ from ergoqp.lab.group_search import (
     read_people,
     shared_grid,
 )
-from ergoqp.lab.population import person_of
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.model_person import ModelPerson
+from ergoqp.rest.model_person import ModelPerson, person_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,12 +23,19 @@ import numpy as np
 
 from ergoqp.arguments import as_tuple, check_real, check_whole, shown
 from ergoqp.errors import InputError
-from ergoqp.lab.population import person_of, variant
+from ergoqp.lab.population import variant
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.place import Place, PoseParametrization
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.best_place import outward, workspace_lines, workspace_map, workspace_poses
-from ergoqp.rest.model_person import ModelPerson, sample_person
+from ergoqp.rest.best_place import (
+    features,
+    outward,
+    poses_over,
+    workspace_lines,
+    workspace_map,
+    workspace_poses,
+)
+from ergoqp.rest.model_person import ModelPerson, person_of, sample_person
 
 MOST = 200
 """Largest size of a group."""
@@ -162,10 +169,7 @@ class SharedGrid:
     @property
     def poses(self) -> np.ndarray:
         """The poses (n, 4, 4)."""
-        places = np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), -1).reshape(-1, 3)
-        poses = np.tile(np.eye(4), (len(places), len(self.tilts), 1, 1))
-        poses[..., :3, 3], poses[..., :3, :3] = places[:, None], self.tilts
-        return poses.reshape(-1, 4, 4)
+        return poses_over((self.x, self.y, self.z), self.tilts)
 
     @property
     def reached_by_all(self) -> np.ndarray:
@@ -332,7 +336,7 @@ class PlaceSearch:
         self.objective: Objective = objective
         self.placing = PoseParametrization.of(problem)
         self.placements = 0
-        self._features = _features(grid.poses)
+        self._features = features(grid.poses)
         self._people = [person.follower for person in people]
         self._comforts = [person.response.comfort for person in self._people]
         pairs = zip(self._people, self._comforts, strict=True)
@@ -356,7 +360,7 @@ class PlaceSearch:
         """Return everybody at rest at a place, each from the nearest grid place in their reach."""
         self.placements += 1
         pose, seeds = self.placing.pose(point), self._comforts.copy()
-        apart = ((self._features - _features(pose[None])) ** 2).sum(axis=1)
+        apart = ((self._features - features(pose)) ** 2).sum(axis=1)
         for number, scores in enumerate(self.grid.scores):
             near = np.where(scores > 0, apart, np.inf)
             nearest = int(np.argmin(near))
@@ -443,8 +447,3 @@ class PlaceSearch:
         scores = np.where(reached, self.problem.assess(postures).final, 0)
         costs = np.where(reached, self.problem.cost(postures), np.inf)
         return Equilibrium(point, scores, costs, postures)
-
-
-def _features(poses: np.ndarray) -> np.ndarray:
-    # As in the maps, a quarter turn counts as much as 30 cm.
-    return np.concatenate([poses[:, :3, 3], 0.2 * poses[:, :3, 0]], axis=1)

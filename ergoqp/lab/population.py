@@ -15,7 +15,7 @@ from ergoqp.lab.cluster import on_cluster
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 from ergoqp.sheets.options import TaskOptions
 
 STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
@@ -192,21 +192,6 @@ def variant(
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
     return changed if load_kg is None else _with_load(changed, load_kg)
-
-
-def person_of(problem: Problem) -> IkResponse:
-    """Return the response of a problem, which is its model of the person.
-
-    Raises:
-        InputError: if the response is of another type.
-    """
-    response = problem.response
-    if not isinstance(response, IkResponse):
-        raise InputError(
-            f"problem {problem.name}: got a response of type {type(response).__name__}, allowed"
-            " IkResponse"
-        )
-    return response
 
 
 def _with_load(problem: Problem, load_kg: float) -> Problem:

@@ -229,13 +229,7 @@ def begin_from(person: ModelPerson, posture: np.ndarray, pose: ArrayLike | None)
     Raises:
         InputError: if `pose` is not a pose.
     """
-    contact = person.contact(posture)[0]
-    grips = person.grasp(posture)
-    if pose is None:
-        return Start(posture, contact, grips, person.stand(posture))
-    pose = read_pose("pose", pose)
-    held = np.stack([np.linalg.solve(pose, contact @ grip) for grip in grips])
-    return Start(posture, pose, held, person.stand(posture))
+    return person.start_at(posture, None if pose is None else read_pose("pose", pose))
 
 
 def optimise(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -95,11 +95,14 @@ def draw_senses(rng: np.random.Generator) -> SensorModel:
 LET_GO = 0.12
 """A hand this far from its grip has let go [m]. A delay cannot explain it at any allowed speed."""
 
+P = TypeVar("P", bound="Person", covariant=True)
 
-class Holding(ABC):
+
+class Holding(ABC, Generic[P]):
     """The state of a person who holds the object.
 
     Attributes:
+        person: the person.
         pose: true contact frame of the object in the world (4, 4) [m].
         gap: largest distance of a hand from where it holds the object [m].
         senses: sensors between the person and the controller.
@@ -121,6 +124,7 @@ class Holding(ABC):
         (True, (32,))
     """
 
+    person: P
     pose: np.ndarray
     senses: SensorModel
     gap: float = 0.0
@@ -129,11 +133,6 @@ class Holding(ABC):
     fallen: bool = False
     unbalanced: bool = False
     slid: float = 0.0
-
-    @property
-    @abstractmethod
-    def person(self) -> Person:
-        """The person."""
 
     @property
     @abstractmethod

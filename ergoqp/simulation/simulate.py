@@ -15,7 +15,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 from ergoqp.rest.person_protocol import (
     Holding,
     Person,
@@ -119,12 +119,7 @@ def simulate(
         check_number("start_time", start_time, -1e9, 1e9, "s")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
-    model = problem.response
-    if not isinstance(model, IkResponse):
-        raise InputError(
-            f"problem {problem.name}: got a response of type {type(model).__name__}, allowed"
-            " IkResponse"
-        )
+    model = person_of(problem)
     seen = read_observed(observed)
     if follower is not None and follower not in KINDS:
         raise InputError(f"follower: got {shown(follower)}, allowed one of {', '.join(KINDS)}")

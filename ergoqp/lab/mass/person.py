@@ -100,7 +100,7 @@ _PERIOD: Final = 0.05
 """Period of the simulation while the person is not in a loop [s]."""
 
 
-class MassHolding(Holding):
+class MassHolding(Holding["Mass"]):
     """A person with mass who holds the object, and the robot that holds it too.
 
     Args:
@@ -122,7 +122,7 @@ class MassHolding(Holding):
         senses: SensorModel,
     ) -> None:
         """Take hold of the object, and hold it still for `STILL` seconds."""
-        self._person, self.senses = person, senses
+        self.person, self.senses = person, senses
         self._hands, self._seated = person.traits.wishes.hands, person.traits.wishes.seated
         self.model = copy(person.model)
         self.data = data = mujoco.MjData(self.model)
@@ -168,11 +168,6 @@ class MassHolding(Holding):
     def _soles(self) -> np.ndarray:
         """Return the positions of the soles (2, 3) [m]."""
         return np.array([self.data.site(f"{side}_sole").xpos for side in SIDES])
-
-    @property
-    def person(self) -> Person:
-        """The person."""
-        return self._person
 
     @property
     def posture(self) -> np.ndarray:
@@ -299,7 +294,7 @@ class MassHolding(Holding):
         self.force = self._grasp.wrench(data)
         self.slipped = self._grasp.slipped
         self.unbalanced = not self._support.carries(data)
-        self.fallen = has_fallen(data, self._seated, self._person.pelvis_height)
+        self.fallen = has_fallen(data, self._seated, self.person.pelvis_height)
 
 
 _OWN_EFFORT: Final = (0.5, 2.0)

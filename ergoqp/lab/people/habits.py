@@ -9,13 +9,12 @@ from typing import Final, Literal
 import mujoco
 import numpy as np
 
-from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.geometry import rotation_vector
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 
 BASE = 4
 """Number of entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
@@ -186,12 +185,7 @@ class Work:
         Raises:
             InputError: if its response is not an `IkResponse`.
         """
-        said = problem.response
-        if not isinstance(said, IkResponse):
-            raise InputError(
-                f"simulated person: got a response of type {type(said).__name__}, allowed"
-                " IkResponse"
-            )
+        said = person_of(problem)
         return cls(said.hands, said.stance, said.seat_height, said.tool, said.free_about_tool)
 
     def contact(self, grips: Sequence[np.ndarray]) -> np.ndarray:
