@@ -73,6 +73,11 @@ def segment_highest(segment: str) -> int:
     return _SHEET.segments[segment.removeprefix("right_").removeprefix("left_")].highest
 
 
+def segments_at(assessment: reba.Assessment, row: int) -> dict[str, int]:
+    """Return the score of each of `SEGMENTS` in one posture of an assessment."""
+    return {name: int(assessment.segments[name][row]) for name in SEGMENTS}
+
+
 def level_starts() -> tuple[int, ...]:
     """Return the lowest final score of each action level."""
     return _SHEET.level_starts

@@ -32,10 +32,8 @@ from ergoqp.report.page import (
 )
 from ergoqp.report.run_facts import (
     RunFacts,
-    facts_of,
     hint_of,
     reasons_of,
-    segments_at,
     told_of,
     violation_rows,
 )
@@ -166,7 +164,7 @@ def write_run_page(run: Run, path: Path) -> None:
         MissingExtraError: if viser or jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    facts = facts_of(run)
+    facts = RunFacts(run)
     scores = scored_alike(run.assessment, run.postures)
     seated = is_seated(run.assessment)
     movement = Movement(
@@ -316,7 +314,7 @@ def _figure(run: Run, row: int, name: str) -> Picture:
         run.body,
         run.postures[row],
         run.base_poses[row],
-        segments_at(run, row),
+        palette.segments_at(run.assessment, row),
         f"Posture {name}",
         run.poses[row],
     )
