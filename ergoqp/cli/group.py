@@ -10,7 +10,7 @@ from rich.console import Group as Stack
 from rich.console import RenderableType
 from rich.text import Text
 
-from ergoqp.arguments import check_whole
+from ergoqp.arguments import check_whole, check_word
 from ergoqp.cli.common import (
     console,
     counted,
@@ -23,7 +23,6 @@ from ergoqp.cli.common import (
 )
 from ergoqp.cli.options import Jobs, ProblemName, Starts, option, out_option
 from ergoqp.cli.population import numbers_of
-from ergoqp.errors import InputError
 from ergoqp.lab.group import MOST_STARTS, GroupOptimum, best_for_group
 from ergoqp.lab.group_search import GroupPerson, Objective, drawn_people, read_people
 from ergoqp.lab.population import variant
@@ -77,10 +76,7 @@ def command(
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
-    if objective not in get_args(Objective):
-        raise InputError(
-            f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
-        )
+    check_word("--objective", objective, get_args(Objective))
     check_whole("starts", starts, 1, MOST_STARTS)
     check_whole("seed", seed, 0)
     check_whole("jobs", jobs, 1)

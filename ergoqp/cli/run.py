@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from ergoqp.arguments import check_word
 from ergoqp.cli.common import (
     console,
     load_person_problem,
@@ -114,10 +115,7 @@ class Simulated:
         """
         self.robot_kind()
         self.senses(SensorModel())
-        if self.follower not in KINDS:
-            raise InputError(
-                f"--follower: got {self.follower!r}, allowed one of {', '.join(KINDS)}"
-            )
+        check_word("--follower", self.follower, KINDS)
 
     def robot_kind(self) -> RobotKind | None:
         """Return the robot that is asked for; None: as declared."""

@@ -18,7 +18,7 @@ from typing import Any, get_args
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.arguments import Progress, check_whole, shown
+from ergoqp.arguments import Progress, check_whole, check_word
 from ergoqp.errors import InputError
 from ergoqp.expressions import pose_as_dict
 from ergoqp.files.atomic import atomic_write, write_json
@@ -283,10 +283,7 @@ def best_for_group(
         >>> best.pose.shape, [member.label for member in best.members]
         ((4, 4), ['1.60 m', '1.80 m'])
     """
-    if objective not in get_args(Objective):
-        raise InputError(
-            f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}"
-        )
+    check_word("objective", objective, get_args(Objective))
     check_whole("starts", starts, 1, MOST_STARTS)
     begin = time.perf_counter()
     crew = read_people(problem, people)

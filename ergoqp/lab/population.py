@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Final
 
-from ergoqp.arguments import as_tuple, check_real, shown
+from ergoqp.arguments import as_tuple, check_real, check_word
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
@@ -187,8 +187,7 @@ def variant(
         check_real("stature", stature, "metres")
         response = replace(response, body=Body.of_stature(stature))
     if hands is not None:
-        if not isinstance(hands, str) or hands not in HANDS:
-            raise InputError(f"hands: got {shown(hands)}, allowed {', '.join(HANDS)}")
+        check_word("hands", hands, HANDS)
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
     return changed if load_kg is None else _with_load(changed, load_kg)

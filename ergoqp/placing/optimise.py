@@ -290,16 +290,13 @@ def optimise(
         ((4, 4), True)
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
-    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
-        check_whole(name, value, least)
+    check_search(starts, seed, jobs, mode, solver)
     check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
     follower = _follower(problem, person)
     notes: list[str] = []
-    # Report faults of the task itself before any search.
-    check_names(mode, solver)
-    Place.of(problem)
+    Place.of(problem)  # Report faults of the task itself before any search.
     if posture is None:
         given = awkward_start(problem, follower, int(seed))
         notes.append(
@@ -333,6 +330,17 @@ def optimise(
         trials=tuple(trials),
         assumptions=(*assumptions, *notes, *_assumptions(follower.response, mode)),
     )
+
+
+def check_search(starts: int, seed: int, jobs: int, mode: str, solver: str) -> None:
+    """Check the options of a search, before anything is computed.
+
+    Raises:
+        InputError: if one cannot be used; the message names it.
+    """
+    check_names(mode, solver)
+    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
+        check_whole(name, value, least)
 
 
 def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerson:

@@ -35,7 +35,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import check_word
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
@@ -98,8 +98,7 @@ def check_names(mode: str, solver: str) -> None:
         InputError: if one of them is unknown, or CasADi was built without the solver.
     """
     for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
-        if not isinstance(value, str) or value not in allowed:
-            raise InputError(f"{what}: got {shown(value)}, allowed {', '.join(allowed)}")
+        check_word(what, value, allowed)
     if not ca.has_nlpsol(solver):
         others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
         raise InputError(
