@@ -13,7 +13,7 @@ pattern search needs some hundred placements.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from numbers import Integral, Real
@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from ergoqp.arguments import as_tuple, check_real, check_whole, shown
+from ergoqp.arguments import Progress, as_tuple, check_real, check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.lab.population import variant
 from ergoqp.placing.parallel import in_order
@@ -202,7 +202,7 @@ def shared_grid(
     *,
     jobs: int = 1,
     cache: bool = True,
-    done: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> SharedGrid:
     """Return the grid of a group.
 
@@ -215,7 +215,7 @@ def shared_grid(
         spacing: distance of neighbouring places [m].
         jobs: number of processes.
         cache: keep maps, and use those of earlier studies.
-        done: called after every person with the number of people who are done.
+        progress: called after every person with the share of the people who are done.
 
     Raises:
         InputError: if the problem has no workspace or no tool axis, or the spacing is not
@@ -226,11 +226,7 @@ def shared_grid(
     if not 0.01 <= spacing <= 1.0:
         raise InputError(f"spacing: got {shown(spacing)} m, allowed 0.01 to 1 m")
     calls = [(problem, person.follower, spacing, cache) for person in people]
-    parts = []
-    for part in in_order(_of_person, calls, jobs):
-        parts.append(part)
-        if done is not None:
-            done(len(parts))
+    parts = in_order(_of_person, calls, jobs, progress)
     (x, y, z), tilts = workspace_lines(problem, spacing)
     scores, postures = map(np.stack, zip(*parts, strict=True))
     costs = np.stack([problem.cost(rows) for rows in postures])

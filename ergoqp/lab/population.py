@@ -14,6 +14,7 @@ from ergoqp.human import Body
 from ergoqp.lab.cluster import on_cluster
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.model_person import person_of
 from ergoqp.sheets.options import TaskOptions
@@ -135,11 +136,9 @@ def best_of_population(
     """
     calls = [(label, problem, starts, seed, jobs, mode, solver) for label, problem in people]
     if scheduler is None:
-        results = ((number, _found(*call)) for number, call in enumerate(calls))
-    else:
-        results = on_cluster(_found, calls, scheduler)
+        return in_order(_found, calls, progress=progress)
     found: dict[int, Found] = {}
-    for number, each in results:
+    for number, each in on_cluster(_found, calls, scheduler):
         found[number] = each
         if progress is not None:
             progress(len(found) / len(calls))

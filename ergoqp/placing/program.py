@@ -110,20 +110,6 @@ Ends = tuple[np.ndarray, np.ndarray]
 """Lower and upper ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Result of a solver.
-
-    Attributes:
-        values: values of all unknowns (n,).
-        residual: largest violation of the optimality conditions, recomputed from the
-            expressions of the program.
-    """
-
-    values: np.ndarray
-    residual: float
-
-
 @dataclass(frozen=True)
 class Rest:
     """The conditions of rest.
@@ -331,8 +317,8 @@ class Program:
         ends = (posture <= LOWER + _INSIDE) | (posture >= UPPER - _INSIDE)
         return ends[self.moved]
 
-    def solve(self, x: np.ndarray, given: np.ndarray) -> Solution:
-        """Improve values near their start, and return them with their distance from optimality.
+    def solve(self, x: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, float]:
+        """Improve the values (n,) near their start, and return them with their `residual`.
 
         Farther away than `NEAR` and `NEAR_PELVIS` the equations have solutions in which no
         person is at rest. The residual does not include these bounds, so a solution that stops
@@ -346,9 +332,9 @@ class Program:
             found = self._solver(x0=at, p=given, lbx=near, ubx=far, lbg=least, ubg=most)
         except RuntimeError:
             # Some solvers raise when a value is not a number. This start then ends here.
-            return Solution(at, float("inf"))
+            return at, float("inf")
         values, *multipliers = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
-        return Solution(values, self.residual(values, given, *multipliers))
+        return values, self.residual(values, given, *multipliers)
 
     def residual(
         self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray
