@@ -21,7 +21,7 @@ from ergoqp.rest.best_place import SPACING, workspace_map
 from ergoqp.rest.model_person import ModelPerson, Start, person_of
 from ergoqp.seeking import Seeker
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
+from ergoqp.simulation.loop import Trace, run_loop, settle_time
 from ergoqp.step.stepper import Stepper
 
 DURATION = 30.0
@@ -159,6 +159,18 @@ def run_loops(
             power_above(np.array(trace.twists), problem.dt, problem.twist_limit.speed)
         )
         beside(start, seed, trace)
+
+
+def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
+    """Return the share of the power of the twist above a frequency [Hz].
+
+    Each axis is relative to its speed limit. At standstill the share is 0.
+    """
+    moving = speed > 0
+    spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2
+    total = spectrum.sum()
+    high = np.fft.rfftfreq(len(twists), dt) > frequency
+    return float(spectrum[high].sum() / total) if total > 0 else 0.0
 
 
 def end_score(

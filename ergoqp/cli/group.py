@@ -28,6 +28,7 @@ from ergoqp.lab.group_search import GroupPerson, Objective, drawn_people, read_p
 from ergoqp.lab.population import variant
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
+from ergoqp.report.group_page import write_group_page
 from ergoqp.report.tables import table_of
 
 ABOUT = """Find the one fixed place of the object that is best for several people.
@@ -101,7 +102,7 @@ def command(
         screen,
         folder,
         ("group.json", "group.npz"),
-        lambda path: _write_page(found, problem, crew, path, jobs),
+        lambda path: write_group_page(found, problem, crew, path, jobs=jobs),
     )
 
 
@@ -134,11 +135,3 @@ def _people(problem: Problem, people: str, seed: int) -> tuple[GroupPerson, ...]
     return read_people(
         problem, numbers_of("--people", people, "statures in metres", "or how many people to draw")
     )
-
-
-def _write_page(
-    found: GroupOptimum, problem: Problem, people: tuple[GroupPerson, ...], path: Path, jobs: int
-) -> None:
-    from ergoqp.report.group_page import write_group_page
-
-    write_group_page(found, problem, people, path, jobs=jobs)

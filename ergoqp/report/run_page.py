@@ -38,7 +38,7 @@ from ergoqp.report.run_facts import (
     violation_rows,
 )
 from ergoqp.sheets.reba import Assessment
-from ergoqp.simulation.run import Run
+from ergoqp.simulation.run import Run, hand_forces
 
 _STATUS_STYLE: Final = {
     "optimal": "level0",
@@ -296,13 +296,12 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
 
 def _felt(run: Run) -> list[tuple[str, str]]:
     """Return forces, slips and falls of a person with mass."""
-    forces = np.linalg.norm(run.forces[:, :3], axis=1)
-    forces = forces[np.isfinite(forces)]
-    if not forces.size:
+    felt = hand_forces(run.forces)
+    if felt is None:
         return []
     fell = "no" if run.fell is None else f"at {run.fell:.1f} s"
     return [
-        ("force on the hands", f"median {np.median(forces):.0f} N, at most {forces.max():.0f} N"),
+        ("force on the hands", f"median {felt['median']:.0f} N, at most {felt['peak']:.0f} N"),
         ("slips of a hand", str(run.slips)),
         ("fell", fell),
     ]

@@ -81,7 +81,7 @@ class ModelPerson(Person):
             distances.append(ca.norm_2(error[:3]))
             turn = error[3:]
             if response.free_about_tool:
-                axis = self._tool_axis(have)
+                axis = have[:3, :3] @ ca.DM(TOOL_AXES[response.tool][0])
                 turn = turn - axis * ca.dot(axis, turn)
             angles.append(ca.norm_2(turn))
         step = response.reach()(q, locked, gain * ca.vertcat(*errors))
@@ -98,9 +98,6 @@ class ModelPerson(Person):
             ["q", "locked", "targets", "soles", "gain", "relax"],
             ["step", "distance", "angle"],
         )
-
-    def _tool_axis(self, grip: ca.SX) -> ca.SX:
-        return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
 
     def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return one Newton step of the legs that moves the soles back to their place on the floor.

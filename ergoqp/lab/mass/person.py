@@ -130,7 +130,7 @@ class MassHolding(Holding["Mass"]):
         data.qpos[:PERSON_QPOS] = qpos
         data.qpos[-4] = 1.0
         mujoco.mj_kinematics(self.model, data)
-        self._asked = contact_in(data, self._hands, person.traits.work.tool)
+        self._asked = contact_in(data, person.traits.work)
         data.qpos[-7:-4] = self._asked[:3, 3]
         mujoco.mju_mat2Quat(data.qpos[-4:], self._asked[:3, :3].ravel())
         mujoco.mj_forward(self.model, data)
@@ -325,44 +325,6 @@ class Traits:
     work: Work
 
 
-def draw_traits(kind: str, problem: Problem, seed: int, body: Body | None = None) -> Traits:
-    """Return a random person for a problem. The same seed gives the same person.
-
-    Body, comfort and senses are drawn as for all kinds. The effort of every joint, the cost of
-    imbalance and the share of gravity that the muscles compensate are drawn for this kind.
-
-    Args:
-        kind: name of the kind.
-        problem: the problem; only its work is used.
-        seed: seed of the person.
-        body: body of the person; None: it is drawn.
-
-    Raises:
-        InputError: if the problem does not describe how the object is held.
-    """
-    bodies, habits, senses = generators(kind, problem.name, seed)
-    work = Work.of(problem)
-    sex, drawn = draw_body(bodies)
-    comfort = draw_habits(work, habits).comfort
-    low, high = np.log(_OWN_EFFORT)
-    factors = np.exp(habits.uniform(low, high, len(JOINTS)))
-    wishes = Wishes(
-        comfort=comfort,
-        efforts=per_joint("effort") * factors,
-        balance=float(habits.uniform(*_BALANCE)),
-        hands=work.hands,
-        seated=work.stance == "seated",
-    )
-    return Traits(
-        body=body or drawn,
-        sex=sex,
-        wishes=wishes,
-        senses=draw_senses(senses),
-        compensation=float(habits.uniform(0.9, 1.0)),
-        work=work,
-    )
-
-
 REACHED: Final = 0.02
 """A point of a hand within this distance of where it should hold counts as reached [m]."""
 
@@ -488,9 +450,7 @@ class Mass(Person):
         """Plan, from comfort and not simulated, the posture with the object at `pose` (4, 4)."""
         qpos, soles = self.stand(self.comfort)
         points = self.planner.held(qpos)
-        contact = contact_in(
-            self.planner.look(qpos), self.traits.wishes.hands, self.traits.work.tool
-        )
+        contact = contact_in(self.planner.look(qpos), self.traits.work)
         local = (points - contact[:3, 3]) @ contact[:3, :3]
         there = pose[:3, 3] + local @ pose[:3, :3].T
         plan = self.planner.settle(qpos, there, soles)
@@ -505,7 +465,10 @@ class Mass(Person):
 
 
 def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
-    """Return a person with mass for a problem. The same seed gives the same person.
+    """Return a random person with mass for a problem. The same seed gives the same person.
+
+    Body, comfort and senses are drawn as for all kinds. The effort of every joint, the cost of
+    imbalance and the share of gravity that the muscles compensate are drawn for this kind.
 
     Args:
         problem: only the description of the task by its response is used: hands, stance, tool
@@ -516,4 +479,25 @@ def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
     Raises:
         InputError: if the response of the problem does not describe the task.
     """
-    return Mass(draw_traits(Mass.kind, problem, seed, body))
+    bodies, habits, senses = generators(Mass.kind, problem.name, seed)
+    work = Work.of(problem)
+    sex, drawn = draw_body(bodies)
+    comfort = draw_habits(work, habits).comfort
+    low, high = np.log(_OWN_EFFORT)
+    factors = np.exp(habits.uniform(low, high, len(JOINTS)))
+    wishes = Wishes(
+        comfort=comfort,
+        efforts=per_joint("effort") * factors,
+        balance=float(habits.uniform(*_BALANCE)),
+        hands=work.hands,
+        seated=work.stance == "seated",
+    )
+    traits = Traits(
+        body=body or drawn,
+        sex=sex,
+        wishes=wishes,
+        senses=draw_senses(senses),
+        compensation=float(habits.uniform(0.9, 1.0)),
+        work=work,
+    )
+    return Mass(traits)
