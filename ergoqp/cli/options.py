@@ -17,16 +17,10 @@ from ergoqp.human.person_file import given_person
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.placing.optimise import check_search
 
-
-class Up(StrEnum):
-    """Possible vertical axes of a recording."""
-
-    x = "x"
-    y = "y"
-    z = "z"
-    minus_x = "-x"
-    minus_y = "-y"
-    minus_z = "-z"
+Up = StrEnum(
+    "Up", {"x": "x", "y": "y", "z": "z", "minus_x": "-x", "minus_y": "-y", "minus_z": "-z"}
+)
+"""Possible vertical axes of a recording."""
 
 
 def option(metavar: str, words: str, *names: str, **more: Any) -> Any:

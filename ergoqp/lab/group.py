@@ -170,9 +170,7 @@ class GroupOptimum:
                 pose=self.pose,
                 postures=np.array([member.posture for member in self.members]),
                 labels=np.array([member.label for member in self.members], dtype=np.str_),
-                x=grid.x,
-                y=grid.y,
-                z=grid.z,
+                **dict(zip("xyz", grid.lines, strict=True)),
                 tilts=grid.tilts,
                 scores=grid.scores.reshape(-1, *grid.shape),
             )

@@ -143,9 +143,7 @@ class SharedGrid:
     """Scores of n people over one grid of poses: x slowest, then y, z, and the tilt fastest.
 
     Attributes:
-        x: places forward [m].
-        y: places to the left [m].
-        z: heights [m].
+        lines: places forward, places to the left, and heights [m].
         tilts: rotations of the contact frame (k, 3, 3).
         scores: exact scores (people, poses), 0 if the person does not reach.
         costs: smooth costs of the same rest postures (people, poses), inf if the person does
@@ -153,23 +151,21 @@ class SharedGrid:
         postures: rest postures (people, poses, 32) [rad].
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    z: np.ndarray
+    lines: Sequence[np.ndarray]
     tilts: np.ndarray
     scores: np.ndarray
     costs: np.ndarray
     postures: np.ndarray
 
     @property
-    def shape(self) -> tuple[int, int, int, int]:
+    def shape(self) -> tuple[int, ...]:
         """Number of places along x, y and z, and of tilts."""
-        return len(self.x), len(self.y), len(self.z), len(self.tilts)
+        return *map(len, self.lines), len(self.tilts)
 
     @property
     def poses(self) -> np.ndarray:
         """The poses (n, 4, 4)."""
-        return poses_over((self.x, self.y, self.z), self.tilts)
+        return poses_over(self.lines, self.tilts)
 
     @property
     def reached_by_all(self) -> np.ndarray:
@@ -227,10 +223,10 @@ def shared_grid(
         raise InputError(f"spacing: got {shown(spacing)} m, allowed 0.01 to 1 m")
     calls = [(problem, person.follower, spacing, cache) for person in people]
     parts = in_order(_of_person, calls, jobs, progress)
-    (x, y, z), tilts = workspace_lines(problem, spacing)
+    lines, tilts = workspace_lines(problem, spacing)
     scores, postures = map(np.stack, zip(*parts, strict=True))
     costs = np.stack([problem.cost(rows) for rows in postures])
-    return SharedGrid(x, y, z, tilts, scores, np.where(scores > 0, costs, np.inf), postures)
+    return SharedGrid(lines, tilts, scores, np.where(scores > 0, costs, np.inf), postures)
 
 
 def _of_person(
@@ -248,7 +244,6 @@ def _of_person(
 
 
 Objective = Literal["minimax", "mean"]
-Key = tuple[float, ...]
 
 SOFTNESS = 0.25
 """Softness of the largest cost in a group, so that the second largest counts too [points]."""
@@ -274,7 +269,7 @@ class Equilibrium:
     costs: np.ndarray
     postures: np.ndarray
 
-    def key(self, objective: Objective) -> Key:
+    def key(self, objective: Objective) -> tuple[float, ...]:
         """Return the values by which places are compared, the lowest is best; see `keys`."""
         return tuple(keys(self.scores[:, None], self.costs[:, None], objective)[0].tolist())
 
@@ -343,7 +338,7 @@ class PlaceSearch:
         found = keys(self.grid.scores, self.grid.costs, self.objective)
         order = np.lexsort(found.T[::-1])
         poses, chosen = self.grid.poses, []
-        lines = [line for line in (self.grid.x, self.grid.y, self.grid.z) if len(line) > 1]
+        lines = [line for line in self.grid.lines if len(line) > 1]
         apart = 1.01 * max((float(line[1] - line[0]) for line in lines), default=0)
         for i in order[found[order, 0] == found[order[0], 0]]:
             if all(np.linalg.norm(poses[i, :3, 3] - poses[j, :3, 3]) > apart for j in chosen):
@@ -386,7 +381,9 @@ class PlaceSearch:
         with the lowest key of all places that were tried.
         """
         here = first = best = self.at(start)
-        lengths = self._first_lengths()
+        # Half of the grid's spacing along each number, 0 if it is fixed.
+        steps = np.array([*(len(line) - 1 for line in self.grid.lines), 3, 3])
+        lengths = 0.5 * (self.placing.upper - self.placing.lower) / np.maximum(steps, 1)
         free = np.flatnonzero(lengths)
         scale = 1.0
         end = self.placements + SEARCH_MOST
@@ -421,11 +418,6 @@ class PlaceSearch:
         points = np.tile(point, (count if high - low > 1e-9 else 0, 1))
         points[:, number] = np.linspace(low, high, len(points))
         return [self.at(each) for each in points if self.placing.holds(each)]
-
-    def _first_lengths(self) -> np.ndarray:
-        """Return half of the grid's spacing along each number, 0 if it is fixed (5,)."""
-        steps = [len(self.grid.x) - 1, len(self.grid.y) - 1, len(self.grid.z) - 1, 3, 3]
-        return 0.5 * (self.placing.upper - self.placing.lower) / np.maximum(steps, 1)
 
     def _merit(self, rest: Equilibrium) -> float:
         return float(merit(rest.costs[:, None], self.objective)[0])

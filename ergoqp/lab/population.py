@@ -189,10 +189,8 @@ def variant(
         check_word("hands", hands, HANDS)
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
-    return changed if load_kg is None else _with_load(changed, load_kg)
-
-
-def _with_load(problem: Problem, load_kg: float) -> Problem:
+    if load_kg is None:
+        return changed
     check_real("load_kg", load_kg, "kilograms")
     if not isinstance(problem.cost, SmoothReba):
         raise InputError(
@@ -203,4 +201,4 @@ def _with_load(problem: Problem, load_kg: float) -> Problem:
     cost = SmoothReba(
         problem.cost.taus_deg, problem.cost.weights, method=problem.cost.method, **task
     )
-    return problem.replace(cost=cost, task=task)
+    return changed.replace(cost=cost, task=task)

@@ -319,7 +319,7 @@ class Checker:
             excess["boundary"] = 0.0 if excused else self._boundary_excess(posture, rate, dt)
         if self._length and posture is not None:
             before, behind = (
-                abs(_apart(points) - self._length.length)
+                abs(float(np.linalg.norm(points[3:] - points[:3])) - self._length.length)
                 for points in (posture, posture + rate * dt)
             )
             excess["arm length"] = behind - before
@@ -447,10 +447,6 @@ def _moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     after[:3, 3] += displacement[:3]
     after[:3, :3] = rotation @ pose[:3, :3]
     return after
-
-
-def _apart(points: np.ndarray) -> float:
-    return float(np.linalg.norm(points[3:] - points[:3]))
 
 
 def _angle(axis: np.ndarray, direction: tuple[float, float, float]) -> float:

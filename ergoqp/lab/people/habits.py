@@ -44,10 +44,8 @@ class BodyTasks:
         self.size = BASE + len(JOINTS)
         self.lower = np.concatenate([np.full(BASE, -np.inf), LOWER])
         self.upper = np.concatenate([np.full(BASE, np.inf), UPPER])
-        self._balances = np.ones(self.size)
-        for number, joint in enumerate(JOINTS):
-            if any(part in joint for part in _UNMOVED_BY_BALANCE):
-                self._balances[BASE + number] = 0.0
+        helps = [not any(part in joint for part in _UNMOVED_BY_BALANCE) for joint in JOINTS]
+        self._balances = np.concatenate([np.ones(BASE), helps])
 
     def place(self, placement: np.ndarray) -> None:
         """Set the placement (36,). All other methods refer to it."""
