@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -138,16 +138,6 @@ class StartSolver:
                 break
         return self._verdict(number, unknowns, posture, residual, clock)
 
-    @cached_property
-    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
-        limit = self.problem.limit_of(JointLimit)
-        moved = self.program.moved
-        low, high = (np.full(len(JOINTS), end) for end in (-np.inf, np.inf))
-        if limit is not None:
-            low[moved] = limit.range[0][moved] - limit.tolerance
-            high[moved] = limit.range[1][moved] + limit.tolerance
-        return low, high
-
     def _cost(self, posture: np.ndarray) -> float:
         return smooth_cost(self.problem, posture, self.tau_deg)
 
@@ -199,10 +189,11 @@ class StartSolver:
 
     def _outside(self, posture: np.ndarray, pose: np.ndarray) -> str:
         """Return which limit of the problem is violated, or an empty text."""
-        problem = self.problem
-        low, high = self._sides
-        if ((posture < low) | (posture > high)).any():
-            return "outside a joint's range"
+        problem, angles = self.problem, posture[self.program.moved]
+        if (joints := problem.limit_of(JointLimit)) is not None:
+            low, high = (ends[self.program.moved] for ends in joints.range)
+            if ((angles < low - joints.tolerance) | (angles > high + joints.tolerance)).any():
+                return "outside a joint's range"
         if pose[:3, 0] @ self.program.place.direction < self.program.place.least_cosine - 1e-6:
             return "outside the tool axis's cone"
         boundary = problem.limit_of(OneClassBoundary)

@@ -106,10 +106,6 @@ def check_names(mode: str, solver: str) -> None:
         )
 
 
-Ends = tuple[np.ndarray, np.ndarray]
-"""Lower and upper ends."""
-
-
 @dataclass(frozen=True)
 class Rest:
     """The conditions of rest.
@@ -438,8 +434,8 @@ class Program:
         low, high = limit.range
         return [j for j in self.moved if low[j] > LOWER[j] or high[j] < UPPER[j]]
 
-    def _make_bounds(self) -> tuple[Ends, Ends]:
-        """Return the bounds of unknowns and rows."""
+    def _make_bounds(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the lower and upper bounds of the unknowns, and those of the rows."""
         low, high = np.full(self._count, -np.inf), np.full(self._count, np.inf)
         leader = len(self.place.kinds)
         low[:leader], high[:leader] = self.place.lower, self.place.upper
@@ -452,7 +448,5 @@ class Program:
         least, most = (side[self._narrow] for side in ranges)
         more = np.zeros(self._boundary + self._own)
         least = np.concatenate([equal, [self.place.least_cosine], least, more])
-        return (low, high), (
-            least,
-            np.concatenate([equal, [np.inf], most, np.full_like(more, np.inf)]),
-        )
+        most = np.concatenate([equal, [np.inf], most, np.full_like(more, np.inf)])
+        return [(low, high), (least, most)]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -309,7 +308,7 @@ class AlikeHolding(Holding[ModelPerson]):
         """Start to hold the object as in `start`."""
         self.person, self.start, self.senses = person, start, senses
         self._posture, self.pose = start.posture.copy(), start.pose.copy()
-        self._late: deque[np.ndarray] = deque()
+        self._late = deque[np.ndarray]()
 
     @property
     def posture(self) -> np.ndarray:
@@ -341,9 +340,3 @@ class AlikeHolding(Holding[ModelPerson]):
         self._posture, self.pose = posture, pose
         self._late.clear()
         return reached
-
-    def copy(self) -> Self:
-        """Return an independent copy of the state."""
-        other = copy(self)
-        other._late = self._late.copy()
-        return other

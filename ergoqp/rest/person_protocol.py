@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
@@ -133,6 +135,7 @@ class Holding(ABC, Generic[P]):
     fallen: bool = False
     unbalanced: bool = False
     slid: float = 0.0
+    _late: deque[np.ndarray]  # poses of the object that the person does not follow yet
 
     @property
     @abstractmethod
@@ -161,9 +164,11 @@ class Holding(ABC, Generic[P]):
             Whether the object is reached there.
         """
 
-    @abstractmethod
     def copy(self) -> Self:
         """Return an independent copy of the state."""
+        other = copy(self)
+        other._late = self._late.copy()
+        return other
 
     def count_from_here(self) -> None:
         """Reset the number of slips, and the sliding distance of the soles."""

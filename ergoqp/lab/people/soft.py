@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from copy import copy
 from functools import cached_property
 from typing import ClassVar, Self
 
@@ -212,12 +211,6 @@ class SoftHolding(Holding["SoftPerson"]):
             if self._miss < REACHED and self._angle < REACHED_ANGLE and not self.unbalanced:
                 return True
         return False
-
-    def copy(self) -> Self:
-        """Return an independent copy of the state."""
-        other = copy(self)
-        other._late = self._late.copy()
-        return other
 
     def wishes(self, target: np.ndarray) -> list[Wish]:
         """Return the wishes of the person besides ease, at the present placement of `tasks`.
