@@ -32,7 +32,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.loops import ABOVE, DURATION, STILL, end_score
+from benchmarks.loops import ABOVE, DURATION, STILL, draw_starts, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
@@ -43,7 +43,7 @@ from ergoqp.limits import OneClassBoundary
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.registry import data_folder
-from ergoqp.rest.best_place import draw_starts, workspace_map
+from ergoqp.rest.best_place import workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop

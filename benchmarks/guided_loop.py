@@ -47,11 +47,10 @@ from benchmarks.loops import (
 )
 from benchmarks.people_draw import places_to_try, unseeing, unseeing_optimum
 from benchmarks.report import Report, run
-from ergoqp.lab.population import person_of
 from ergoqp.lab.yardstick import rule_pose
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.model_person import Start, sample_person
+from ergoqp.rest.model_person import Start, person_of, sample_person
 from ergoqp.seeking import Seeker
 from ergoqp.simulation.loop import Trace
 from ergoqp.step.rest import BACK, THERE

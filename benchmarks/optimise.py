@@ -44,11 +44,11 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from benchmarks.loops import ABOVE, DURATION, STILL, end_score
+from benchmarks.loops import ABOVE, DURATION, STILL, draw_starts, end_score
 from benchmarks.report import Report, run
 from ergoqp.placing.optimise import RESIDUAL, optimise
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.best_place import awkward_start, draw_starts, workspace_map
+from ergoqp.rest.best_place import awkward_start, workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
 from ergoqp.step.stepper import Stepper

@@ -16,7 +16,6 @@ from benchmarks.people_way import rested
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.lab.population import person_of
 from ergoqp.lab.yardstick import Judge, rule_pose
 from ergoqp.native.compiled import CompilerError, compiler
 from ergoqp.placing.optimise import optimise
@@ -24,6 +23,7 @@ from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 from ergoqp.rest.person_protocol import Holding, Person
 from ergoqp.seeking import Place
 from ergoqp.simulation.people import person_of_kind

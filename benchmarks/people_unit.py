@@ -34,10 +34,10 @@ from benchmarks.people_way import (
     of_trace,
     rested,
 )
-from ergoqp.lab.population import person_of
 from ergoqp.lab.yardstick import Drive, Gradient, Still, rule_pose
 from ergoqp.problem.geometry import between, straight
 from ergoqp.problem.settings import DeclaredRobot
+from ergoqp.rest.model_person import person_of
 from ergoqp.seeking import Seeker
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot

@@ -57,11 +57,8 @@ _OWN: Final = ("quadratic", "neural")
 _GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
 
 
-class Joints(StrEnum):
-    """The joints of drawn postures."""
-
-    report = "report"
-    scored = "scored"
+Joints = StrEnum("Joints", ["report", "scored"])
+"""The joints of drawn postures."""
 
 
 def command(

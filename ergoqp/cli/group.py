@@ -10,7 +10,7 @@ from rich.console import Group as Stack
 from rich.console import RenderableType
 from rich.text import Text
 
-from ergoqp.arguments import check_whole
+from ergoqp.arguments import check_whole, check_word
 from ergoqp.cli.common import (
     console,
     counted,
@@ -23,12 +23,12 @@ from ergoqp.cli.common import (
 )
 from ergoqp.cli.options import Jobs, ProblemName, Starts, option, out_option
 from ergoqp.cli.population import numbers_of
-from ergoqp.errors import InputError
 from ergoqp.lab.group import MOST_STARTS, GroupOptimum, best_for_group
 from ergoqp.lab.group_search import GroupPerson, Objective, drawn_people, read_people
 from ergoqp.lab.population import variant
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
+from ergoqp.report.group_page import write_group_page
 from ergoqp.report.tables import table_of
 
 ABOUT = """Find the one fixed place of the object that is best for several people.
@@ -77,10 +77,7 @@ def command(
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
-    if objective not in get_args(Objective):
-        raise InputError(
-            f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
-        )
+    check_word("--objective", objective, get_args(Objective))
     check_whole("starts", starts, 1, MOST_STARTS)
     check_whole("seed", seed, 0)
     check_whole("jobs", jobs, 1)
@@ -105,7 +102,7 @@ def command(
         screen,
         folder,
         ("group.json", "group.npz"),
-        lambda path: _write_page(found, problem, crew, path, jobs),
+        lambda path: write_group_page(found, problem, crew, path, jobs=jobs),
     )
 
 
@@ -138,11 +135,3 @@ def _people(problem: Problem, people: str, seed: int) -> tuple[GroupPerson, ...]
     return read_people(
         problem, numbers_of("--people", people, "statures in metres", "or how many people to draw")
     )
-
-
-def _write_page(
-    found: GroupOptimum, problem: Problem, people: tuple[GroupPerson, ...], path: Path, jobs: int
-) -> None:
-    from ergoqp.report.group_page import write_group_page
-
-    write_group_page(found, problem, people, path, jobs=jobs)

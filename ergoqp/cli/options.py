@@ -4,30 +4,23 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from ergoqp.arguments import check_whole
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
 from ergoqp.mocap import Recording, load_recording
-from ergoqp.placing.program import check_names
+from ergoqp.placing.optimise import check_search
 
-
-class Up(StrEnum):
-    """Possible vertical axes of a recording."""
-
-    x = "x"
-    y = "y"
-    z = "z"
-    minus_x = "-x"
-    minus_y = "-y"
-    minus_z = "-z"
+Up = StrEnum(
+    "Up", {"x": "x", "y": "y", "z": "z", "minus_x": "-x", "minus_y": "-y", "minus_z": "-z"}
+)
+"""Possible vertical axes of a recording."""
 
 
 def option(metavar: str, words: str, *names: str, **more: Any) -> Any:
@@ -163,11 +156,6 @@ class RecordingOptions:
                 " such as 2: or :10"
             ) from None
 
-    @property
-    def columns_value(self) -> tuple[str, ...]:
-        """The names of the points of a table."""
-        return tuple(name.strip() for name in self.columns.split(",")) if self.columns else ()
-
     def load(self, path: Path, progress: Callable[[float], None] | None = None) -> Recording:
         """Read a recording.
 
@@ -188,7 +176,7 @@ class RecordingOptions:
             window=self.window_value,
             subject=self.subject,
             thing=self.thing,
-            columns=self.columns_value,
+            columns=tuple(name.strip() for name in self.columns.split(",")) if self.columns else (),
             rate=self.rate,
             progress=progress,
         )
@@ -228,13 +216,7 @@ class SearchOptions:
         Raises:
             InputError: if one cannot be used; the message names it.
         """
-        check_names(self.mode, self.solver)
-        for name, value, least in (
-            ("starts", self.starts, 1),
-            ("seed", self.seed, 0),
-            ("jobs", self.jobs, 1),
-        ):
-            check_whole(name, value, least)
+        check_search(**asdict(self))
 
 
 def grouped(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:

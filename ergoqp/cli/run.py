@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from ergoqp.arguments import check_word
 from ergoqp.cli.common import (
     console,
     load_person_problem,
@@ -29,7 +30,6 @@ from ergoqp.cli.options import Guide as GuideName
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.lab.population import person_of
 from ergoqp.lab.yardstick import rule_pose
 from ergoqp.mocap import Recording
 from ergoqp.mocap.recorded import as_recorded
@@ -40,6 +40,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.rest.best_place import PLACES, awkward_place
+from ergoqp.rest.model_person import person_of
 from ergoqp.rest.person_protocol import Holding, SensorModel
 from ergoqp.seeking.next_place import Place
 from ergoqp.simulation.loop import check_numbers
@@ -114,10 +115,7 @@ class Simulated:
         """
         self.robot_kind()
         self.senses(SensorModel())
-        if self.follower not in KINDS:
-            raise InputError(
-                f"--follower: got {self.follower!r}, allowed one of {', '.join(KINDS)}"
-            )
+        check_word("--follower", self.follower, KINDS)
 
     def robot_kind(self) -> RobotKind | None:
         """Return the robot that is asked for; None: as declared."""

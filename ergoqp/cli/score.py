@@ -56,19 +56,11 @@ _FAR: Final = 0.025
 """A marker with a larger residual is not fixed to its place (RMS) [m]."""
 
 
-class UpperArm(StrEnum):
-    """What the bands of the upper arm read."""
+UpperArm = StrEnum("UpperArm", ["flexion", "elevation"])
+"""What the bands of the upper arm read."""
 
-    flexion = "flexion"
-    elevation = "elevation"
-
-
-class Side(StrEnum):
-    """The arm that an option refers to."""
-
-    right = "right"
-    left = "left"
-    both = "both"
+Side = StrEnum("Side", ["right", "left", "both"])
+"""The arm that an option refers to."""
 
 
 @grouped(read=RecordingOptions)
@@ -159,6 +151,7 @@ def command(
     with working("writing scores and angles") as done, writing(folder):
         write_scores(recording, assessment, folder, part_of(done, 0.0, 0.5))
         write_angles(recording, folder, part_of(done, 0.5, 1.0))
+    options = [("upper arm scored by", method.upper_arm), *in_words(task)]
     print_assumptions(screen, recording.assumptions)
     print_assumptions(screen, notes, f"written to {save_person}")
     screen.print(score_table(recording, assessment))
@@ -166,13 +159,8 @@ def command(
         screen,
         folder,
         ("scores.csv", "scores.json", "angles.csv", "angles.mot"),
-        lambda page: write_score_page(recording, assessment, page, _words(task, method), path.name),
+        lambda page: write_score_page(recording, assessment, page, options, path.name),
     )
-
-
-def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:
-    """Return the options of the scoring as text."""
-    return [("upper arm scored by", method.upper_arm), *in_words(task)]
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

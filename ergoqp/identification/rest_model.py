@@ -30,9 +30,10 @@ from ergoqp.expressions import Evaluator, slices
 from ergoqp.human import Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.responses.holding import Holding, Situated, hang, soles_of
+from ergoqp.responses.holding import Holding, Situated, hang
 from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance_and_gaze import gaze
+from ergoqp.rest.model_person import ModelPerson
 
 WEIGHT_SD: Final = 1.0
 """Standard deviation of the logarithm of a joint's weight."""
@@ -341,14 +342,11 @@ class RestModel:
 
 def situation_of(response: IkResponse, postures: Sequence[np.ndarray]) -> Situation:
     """Return how the object is held, and where the soles are, as means over postures (32,)."""
-    stood, grasps, soles = soles_of(response), [], []
-    for posture in postures:
-        contact = np.array(response.contact()(posture)[0])
-        grips = np.array(response.grips()(posture))
-        grasps.append(np.linalg.solve(contact, grips))
-        soles.append(np.array(stood(posture)))
-    rigid = [_rigid(part) for part in np.split(np.mean(grasps, axis=0), len(response.hands), 1)]
-    feet = [_rigid(part) for part in np.split(np.mean(soles, axis=0), 2, axis=1)]
+    person = ModelPerson(response)
+    grasp = np.mean([person.grasp(posture) for posture in postures], axis=0)
+    soles = np.mean([person.stand(posture) for posture in postures], axis=0)
+    rigid = [_rigid(part) for part in grasp]
+    feet = [_rigid(part) for part in np.split(soles, 2, axis=1)]
     return Situation(np.mean(postures, axis=0), np.hstack(rigid), np.hstack(feet))
 
 

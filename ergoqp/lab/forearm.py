@@ -238,20 +238,22 @@ def true_posture(
     return postures, reba.assess(postures, method).final
 
 
-@dataclass(frozen=True, eq=False)
 class _Grid:
     """A way to enumerate all postures of given points: two joints on a grid, the others solved for.
 
-    Attributes:
+    Args:
         solve: a method of `Arm`: (arm, points, first, second) -> angles (7, n, 4 m), missing
             (n, 4 m).
-        joints: the two joints on the grid, as indices of `ARM_JOINTS`.
-        nodes: nodes of the grid (2, rows, columns) [rad].
+        nodes: nodes of the two joints on the grid, of `ARM_JOINTS` [deg].
     """
 
-    solve: Callable[[Arm, Array, Array, Array], tuple[Array, Array]]
-    joints: list[int]
-    nodes: Array
+    def __init__(
+        self,
+        solve: Callable[[Arm, Array, Array, Array], tuple[Array, Array]],
+        nodes: dict[str, Sequence[float]],
+    ) -> None:
+        self.solve, self.joints = solve, [ARM_JOINTS.index(name) for name in nodes]
+        self.nodes = np.radians(np.meshgrid(*nodes.values()))
 
     def local_best(self, excess: Array) -> NDArray[np.int64]:
         """Return the columns (n, seeds) of the lowest local minima.
@@ -277,17 +279,9 @@ class _Grid:
         return finer[0], finer[1]
 
 
-def _grid(
-    solve: Callable[[Arm, Array, Array, Array], tuple[Array, Array]],
-    nodes: dict[str, Sequence[float]],
-) -> _Grid:
-    joints = [ARM_JOINTS.index(name) for name in nodes]
-    return _Grid(solve, joints, np.radians(np.meshgrid(*nodes.values())))
-
-
 _GRIDS: Final = (
-    _grid(Arm.solve_by_bend, {"trunk_side_bend": _BEND_DEG, "trunk_twist": _TWIST_DEG}),
-    _grid(
+    _Grid(Arm.solve_by_bend, {"trunk_side_bend": _BEND_DEG, "trunk_twist": _TWIST_DEG}),
+    _Grid(
         Arm.solve_by_shoulder,
         {"right_shoulder_flexion": _SHOULDER_DEG, "trunk_twist": _TWIST_DEG[::2]},
     ),

@@ -149,7 +149,12 @@ def _make(
     blocks = range(0, len(postures), _BLOCK)
     points = np.concatenate([forearm_points(postures[i : i + _BLOCK], body) for i in blocks])
     progress(0.2)
-    cluster = _cluster(points, clusters, seed)
+    # With a few points per cluster random starts are good enough. All columns are in metres,
+    # so nothing is scaled.
+    means = sklearn("cluster", "the forearm's data set").KMeans(
+        clusters, init="random", n_init=1, max_iter=20, random_state=seed
+    )
+    cluster = means.fit(points).labels_
     progress(0.9)
     lowest = np.full(clusters, np.iinfo(scores.dtype).max)
     np.minimum.at(lowest, cluster, scores)
@@ -158,15 +163,6 @@ def _make(
     labels = np.concatenate([scores[kept].astype(float), gap_labels])
     order = rng.permutation(len(labels))
     return np.concatenate([points[kept], gaps])[order], labels[order]
-
-
-def _cluster(points: Array, clusters: int, seed: int) -> NDArray[np.int32]:
-    # With a few points per cluster random starts are good enough. All columns are in metres,
-    # so nothing is scaled.
-    means = sklearn("cluster", "the forearm's data set").KMeans(
-        clusters, init="random", n_init=1, max_iter=20, random_state=seed
-    )
-    return means.fit(points).labels_
 
 
 def _empty_points(

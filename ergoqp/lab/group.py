@@ -18,7 +18,7 @@ from typing import Any, get_args
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.arguments import Progress, check_whole, shown
+from ergoqp.arguments import Progress, check_whole, check_word, part_of, unseen
 from ergoqp.errors import InputError
 from ergoqp.expressions import pose_as_dict
 from ergoqp.files.atomic import atomic_write, write_json
@@ -33,10 +33,9 @@ from ergoqp.lab.group_search import (
     read_people,
     shared_grid,
 )
-from ergoqp.lab.population import person_of
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.model_person import ModelPerson
+from ergoqp.rest.model_person import ModelPerson, person_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +170,7 @@ class GroupOptimum:
                 pose=self.pose,
                 postures=np.array([member.posture for member in self.members]),
                 labels=np.array([member.label for member in self.members], dtype=np.str_),
-                x=grid.x,
-                y=grid.y,
-                z=grid.z,
+                **dict(zip("xyz", grid.lines, strict=True)),
                 tilts=grid.tilts,
                 scores=grid.scores.reshape(-1, *grid.shape),
             )
@@ -284,34 +281,24 @@ def best_for_group(
         >>> best.pose.shape, [member.label for member in best.members]
         ((4, 4), ['1.60 m', '1.80 m'])
     """
-    if objective not in get_args(Objective):
-        raise InputError(
-            f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}"
-        )
+    check_word("objective", objective, get_args(Objective))
     check_whole("starts", starts, 1, MOST_STARTS)
     begin = time.perf_counter()
     crew = read_people(problem, people)
-    tell = progress or (lambda share: None)
-    count = len(crew)
-    grid = shared_grid(
-        problem, crew, spacing, jobs=jobs, cache=cache, done=lambda n: tell(_SHARES[0] * n / count)
-    )
+    tell = progress or unseen
+    told = part_of(tell, 0.0, _SHARES[0])
+    grid = shared_grid(problem, crew, spacing, jobs=jobs, cache=cache, progress=told)
     _refuse_unreached(crew, grid)
     search = PlaceSearch(problem, crew, grid, objective)
     points = search.starts(starts)
     # Each part builds the equations of everybody again, so there are as many as processes.
     parts = np.array_split(points, len(points) if jobs == 1 else min(jobs, len(points)))
     calls = [(problem, crew, grid, objective, part) for part in parts]
-    found, placements = [], 0
-    for n, (rests, used) in enumerate(in_order(_from_starts, calls, jobs), start=1):
-        found += rests
-        placements += used
-        tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(calls))
+    searched = in_order(_from_starts, calls, jobs, part_of(tell, *_SHARES))
+    found = [rest for rests, _ in searched for rest in rests]
     best = min(found, key=lambda rest: rest.key(objective))
-    own, calls = [], [(problem, crew, grid, i, best.point) for i in range(count)]
-    for rest in in_order(_own_best, calls, jobs):
-        own.append(rest)
-        tell(_SHARES[1] + (1 - _SHARES[1]) * len(own) / count)
+    calls = [(problem, crew, grid, number, best.point) for number in range(len(crew))]
+    own = in_order(_own_best, calls, jobs, part_of(tell, _SHARES[1], 1.0))
     # The first start is the best place of the grid itself, and every search also returns its
     # start.
     on_grid = min(found[1::2], key=lambda rest: rest.key(objective))
@@ -326,7 +313,7 @@ def best_for_group(
         grid_pose=search.placing.pose(on_grid.point),
         grid_reba=on_grid.scores,
         free=_free(search, best),
-        placements=placements,
+        placements=sum(used for _, used in searched),
         seconds=time.perf_counter() - begin,
         seated=bool(problem.task.get("seated", False)),
         assumptions=_assumptions(problem),

@@ -13,7 +13,7 @@ pattern search needs some hundred placements.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from numbers import Integral, Real
@@ -21,14 +21,21 @@ from typing import Literal
 
 import numpy as np
 
-from ergoqp.arguments import as_tuple, check_real, check_whole, shown
+from ergoqp.arguments import Progress, as_tuple, check_real, check_whole, shown
 from ergoqp.errors import InputError
-from ergoqp.lab.population import person_of, variant
+from ergoqp.lab.population import variant
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.place import Place, PoseParametrization
 from ergoqp.problem.problem import Problem
-from ergoqp.rest.best_place import outward, workspace_lines, workspace_map, workspace_poses
-from ergoqp.rest.model_person import ModelPerson, sample_person
+from ergoqp.rest.best_place import (
+    features,
+    outward,
+    poses_over,
+    workspace_lines,
+    workspace_map,
+    workspace_poses,
+)
+from ergoqp.rest.model_person import ModelPerson, person_of, sample_person
 
 MOST = 200
 """Largest size of a group."""
@@ -136,9 +143,7 @@ class SharedGrid:
     """Scores of n people over one grid of poses: x slowest, then y, z, and the tilt fastest.
 
     Attributes:
-        x: places forward [m].
-        y: places to the left [m].
-        z: heights [m].
+        lines: places forward, places to the left, and heights [m].
         tilts: rotations of the contact frame (k, 3, 3).
         scores: exact scores (people, poses), 0 if the person does not reach.
         costs: smooth costs of the same rest postures (people, poses), inf if the person does
@@ -146,26 +151,21 @@ class SharedGrid:
         postures: rest postures (people, poses, 32) [rad].
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    z: np.ndarray
+    lines: Sequence[np.ndarray]
     tilts: np.ndarray
     scores: np.ndarray
     costs: np.ndarray
     postures: np.ndarray
 
     @property
-    def shape(self) -> tuple[int, int, int, int]:
+    def shape(self) -> tuple[int, ...]:
         """Number of places along x, y and z, and of tilts."""
-        return len(self.x), len(self.y), len(self.z), len(self.tilts)
+        return *map(len, self.lines), len(self.tilts)
 
     @property
     def poses(self) -> np.ndarray:
         """The poses (n, 4, 4)."""
-        places = np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), -1).reshape(-1, 3)
-        poses = np.tile(np.eye(4), (len(places), len(self.tilts), 1, 1))
-        poses[..., :3, 3], poses[..., :3, :3] = places[:, None], self.tilts
-        return poses.reshape(-1, 4, 4)
+        return poses_over(self.lines, self.tilts)
 
     @property
     def reached_by_all(self) -> np.ndarray:
@@ -198,7 +198,7 @@ def shared_grid(
     *,
     jobs: int = 1,
     cache: bool = True,
-    done: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> SharedGrid:
     """Return the grid of a group.
 
@@ -211,7 +211,7 @@ def shared_grid(
         spacing: distance of neighbouring places [m].
         jobs: number of processes.
         cache: keep maps, and use those of earlier studies.
-        done: called after every person with the number of people who are done.
+        progress: called after every person with the share of the people who are done.
 
     Raises:
         InputError: if the problem has no workspace or no tool axis, or the spacing is not
@@ -222,15 +222,11 @@ def shared_grid(
     if not 0.01 <= spacing <= 1.0:
         raise InputError(f"spacing: got {shown(spacing)} m, allowed 0.01 to 1 m")
     calls = [(problem, person.follower, spacing, cache) for person in people]
-    parts = []
-    for part in in_order(_of_person, calls, jobs):
-        parts.append(part)
-        if done is not None:
-            done(len(parts))
-    (x, y, z), tilts = workspace_lines(problem, spacing)
+    parts = in_order(_of_person, calls, jobs, progress)
+    lines, tilts = workspace_lines(problem, spacing)
     scores, postures = map(np.stack, zip(*parts, strict=True))
     costs = np.stack([problem.cost(rows) for rows in postures])
-    return SharedGrid(x, y, z, tilts, scores, np.where(scores > 0, costs, np.inf), postures)
+    return SharedGrid(lines, tilts, scores, np.where(scores > 0, costs, np.inf), postures)
 
 
 def _of_person(
@@ -248,7 +244,6 @@ def _of_person(
 
 
 Objective = Literal["minimax", "mean"]
-Key = tuple[float, ...]
 
 SOFTNESS = 0.25
 """Softness of the largest cost in a group, so that the second largest counts too [points]."""
@@ -274,7 +269,7 @@ class Equilibrium:
     costs: np.ndarray
     postures: np.ndarray
 
-    def key(self, objective: Objective) -> Key:
+    def key(self, objective: Objective) -> tuple[float, ...]:
         """Return the values by which places are compared, the lowest is best; see `keys`."""
         return tuple(keys(self.scores[:, None], self.costs[:, None], objective)[0].tolist())
 
@@ -332,7 +327,7 @@ class PlaceSearch:
         self.objective: Objective = objective
         self.placing = PoseParametrization.of(problem)
         self.placements = 0
-        self._features = _features(grid.poses)
+        self._features = features(grid.poses)
         self._people = [person.follower for person in people]
         self._comforts = [person.response.comfort for person in self._people]
         pairs = zip(self._people, self._comforts, strict=True)
@@ -343,7 +338,7 @@ class PlaceSearch:
         found = keys(self.grid.scores, self.grid.costs, self.objective)
         order = np.lexsort(found.T[::-1])
         poses, chosen = self.grid.poses, []
-        lines = [line for line in (self.grid.x, self.grid.y, self.grid.z) if len(line) > 1]
+        lines = [line for line in self.grid.lines if len(line) > 1]
         apart = 1.01 * max((float(line[1] - line[0]) for line in lines), default=0)
         for i in order[found[order, 0] == found[order[0], 0]]:
             if all(np.linalg.norm(poses[i, :3, 3] - poses[j, :3, 3]) > apart for j in chosen):
@@ -356,7 +351,7 @@ class PlaceSearch:
         """Return everybody at rest at a place, each from the nearest grid place in their reach."""
         self.placements += 1
         pose, seeds = self.placing.pose(point), self._comforts.copy()
-        apart = ((self._features - _features(pose[None])) ** 2).sum(axis=1)
+        apart = ((self._features - features(pose)) ** 2).sum(axis=1)
         for number, scores in enumerate(self.grid.scores):
             near = np.where(scores > 0, apart, np.inf)
             nearest = int(np.argmin(near))
@@ -386,7 +381,9 @@ class PlaceSearch:
         with the lowest key of all places that were tried.
         """
         here = first = best = self.at(start)
-        lengths = self._first_lengths()
+        # Half of the grid's spacing along each number, 0 if it is fixed.
+        steps = np.array([*(len(line) - 1 for line in self.grid.lines), 3, 3])
+        lengths = 0.5 * (self.placing.upper - self.placing.lower) / np.maximum(steps, 1)
         free = np.flatnonzero(lengths)
         scale = 1.0
         end = self.placements + SEARCH_MOST
@@ -422,11 +419,6 @@ class PlaceSearch:
         points[:, number] = np.linspace(low, high, len(points))
         return [self.at(each) for each in points if self.placing.holds(each)]
 
-    def _first_lengths(self) -> np.ndarray:
-        """Return half of the grid's spacing along each number, 0 if it is fixed (5,)."""
-        steps = [len(self.grid.x) - 1, len(self.grid.y) - 1, len(self.grid.z) - 1, 3, 3]
-        return 0.5 * (self.placing.upper - self.placing.lower) / np.maximum(steps, 1)
-
     def _merit(self, rest: Equilibrium) -> float:
         return float(merit(rest.costs[:, None], self.objective)[0])
 
@@ -443,8 +435,3 @@ class PlaceSearch:
         scores = np.where(reached, self.problem.assess(postures).final, 0)
         costs = np.where(reached, self.problem.cost(postures), np.inf)
         return Equilibrium(point, scores, costs, postures)
-
-
-def _features(poses: np.ndarray) -> np.ndarray:
-    # As in the maps, a quarter turn counts as much as 30 cm.
-    return np.concatenate([poses[:, :3, 3], 0.2 * poses[:, :3, 0]], axis=1)

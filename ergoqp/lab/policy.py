@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from typing import Final
 
 import casadi as ca
 import numpy as np
@@ -29,21 +29,9 @@ MOST_RUNS: Final = 2000
 """Largest number of runs of steps; training then ends without convergence."""
 
 
-class Features(Protocol):
-    """Phi: M features of a posture."""
-
-    def __call__(self, postures: ArrayLike) -> Array:
-        """Return the features (n, M) of postures (n, d)."""
-        ...
-
-    def expression(self, q: ca.MX) -> ca.MX:
-        """Return the features (M,) of a posture (d,), an expression."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class RadialFeatures:
-    """Gaussian bumps: exp(-|q - c|^2 / (2 width^2)), one for each centre c.
+    """Phi, M features of a posture: Gaussian bumps exp(-|q - c|^2 / (2 width^2)) for centres c.
 
     Attributes:
         centres: (M, d) [rad].
@@ -86,16 +74,15 @@ class RadialFeatures:
         return cls(np.linspace(low, high, count)[:, np.newaxis], (high - low) / (count - 1))
 
     @classmethod
-    def among(
-        cls, postures: ArrayLike, count: int, seed: int = 0, *, width: float | None = None
-    ) -> RadialFeatures:
+    def among(cls, postures: ArrayLike, count: int, seed: int = 0) -> RadialFeatures:
         """Return bumps around postures of a sample, and a constant.
+
+        They are as wide as the median distance of two centres.
 
         Args:
             postures: sample (n, d) [rad].
             count: number of bumps, at most n.
             seed: seed of the choice.
-            width: width of the bumps [rad]; None: the median distance of two centres.
 
         Raises:
             InputError: if there are too few postures.
@@ -106,11 +93,10 @@ class RadialFeatures:
                 f"count: got {count}, allowed 2 to the number of postures, {len(sample)}"
             )
         centres = sample[np.random.default_rng(seed).choice(len(sample), count, replace=False)]
-        if width is None:
-            # The pairs of a few hundred centres are enough. All pairs need much memory.
-            some = centres[:300]
-            distances = np.sqrt(_squared_distances(some, some))
-            width = float(np.median(distances[np.triu_indices(len(some), 1)]))
+        # The pairs of a few hundred centres are enough. All pairs need much memory.
+        some = centres[:300]
+        distances = np.sqrt(_squared_distances(some, some))
+        width = float(np.median(distances[np.triu_indices(len(some), 1)]))
         return cls(centres, width, constant=True)
 
     def __call__(self, postures: ArrayLike) -> Array:
@@ -136,7 +122,7 @@ class Policy:
     """
 
     theta: Array
-    features: Features
+    features: RadialFeatures
 
     def __call__(self, postures: ArrayLike) -> Array:
         """Return the velocities (n, P) at postures (n, d)."""
@@ -166,7 +152,7 @@ class Training:
 
 
 def train(
-    features: Features,
+    features: RadialFeatures,
     sample: Callable[[np.random.Generator, int], Array],
     desired: Callable[[Array], Array],
     rate: float,
@@ -230,7 +216,7 @@ def train(
 
 
 def solve(
-    features: Features, postures: ArrayLike, wanted: ArrayLike, ridge: float = 1e-6
+    features: RadialFeatures, postures: ArrayLike, wanted: ArrayLike, ridge: float = 1e-6
 ) -> Policy:
     """Return the policy that fits desired velocities best.
 

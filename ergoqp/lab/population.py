@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Final
 
-from ergoqp.arguments import as_tuple, check_real, shown
+from ergoqp.arguments import as_tuple, check_real, check_word
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.lab.cluster import on_cluster
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 from ergoqp.sheets.options import TaskOptions
 
 STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
@@ -135,11 +136,9 @@ def best_of_population(
     """
     calls = [(label, problem, starts, seed, jobs, mode, solver) for label, problem in people]
     if scheduler is None:
-        results = ((number, _found(*call)) for number, call in enumerate(calls))
-    else:
-        results = on_cluster(_found, calls, scheduler)
+        return in_order(_found, calls, progress=progress)
     found: dict[int, Found] = {}
-    for number, each in results:
+    for number, each in on_cluster(_found, calls, scheduler):
         found[number] = each
         if progress is not None:
             progress(len(found) / len(calls))
@@ -187,29 +186,11 @@ def variant(
         check_real("stature", stature, "metres")
         response = replace(response, body=Body.of_stature(stature))
     if hands is not None:
-        if not isinstance(hands, str) or hands not in HANDS:
-            raise InputError(f"hands: got {shown(hands)}, allowed {', '.join(HANDS)}")
+        check_word("hands", hands, HANDS)
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
-    return changed if load_kg is None else _with_load(changed, load_kg)
-
-
-def person_of(problem: Problem) -> IkResponse:
-    """Return the response of a problem, which is its model of the person.
-
-    Raises:
-        InputError: if the response is of another type.
-    """
-    response = problem.response
-    if not isinstance(response, IkResponse):
-        raise InputError(
-            f"problem {problem.name}: got a response of type {type(response).__name__}, allowed"
-            " IkResponse"
-        )
-    return response
-
-
-def _with_load(problem: Problem, load_kg: float) -> Problem:
+    if load_kg is None:
+        return changed
     check_real("load_kg", load_kg, "kilograms")
     if not isinstance(problem.cost, SmoothReba):
         raise InputError(
@@ -220,4 +201,4 @@ def _with_load(problem: Problem, load_kg: float) -> Problem:
     cost = SmoothReba(
         problem.cost.taus_deg, problem.cost.weights, method=problem.cost.method, **task
     )
-    return problem.replace(cost=cost, task=task)
+    return changed.replace(cost=cost, task=task)

@@ -111,21 +111,16 @@ class Judge:
         """
         if enough is None:
             enough = self.score(np.zeros(len(JOINTS)))
+        given, spread = list(known), self.workspace.spread(places)
         found: list[Place] = []
-        points: list[np.ndarray | None] = []
-        spread = self.workspace.spread(places)
-        asked = [(self.workspace.pose(point), point) for point in spread]
-        for pose, point in [*((each, None) for each in known), *asked]:
+        for pose in [*given, *map(self.workspace.pose, spread)]:
             found.append(self.carried(start, pose))
-            points.append(point)
             if 0 < found[-1].score <= enough:
                 return _ranked(found)
-        starts = [i for i in np.argsort([each.rank[1] for each in found]) if points[i] is not None]
-        by_score = sorted(starts, key=lambda i: found[i].rank)[:around]
-        for number in by_score:
-            point = points[number]
-            if found[number].score and point is not None:
-                found += self._searched(start, point, found[number], enough)
+        pairs = zip(found[len(given) :], spread, strict=True)
+        for place, point in sorted(pairs, key=lambda pair: pair[0].rank)[:around]:
+            if place.score:
+                found += self._searched(start, point, place, enough)
         return _ranked(found)
 
     def _searched(

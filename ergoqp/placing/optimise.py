@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -33,7 +33,7 @@ from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.optimum import Optimum, StartResult
 from ergoqp.placing.parallel import call_packed, in_order, packed
 from ergoqp.placing.place import Place
-from ergoqp.placing.program import Program, Solution, check_names, smooth_cost
+from ergoqp.placing.program import Program, check_names, smooth_cost
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.rest.best_place import awkward_start
@@ -70,11 +70,10 @@ _SETTLING = 400
 _SLACK = 1e-3  # allowed distance outside a learned boundary, beyond its tolerance
 
 
-@dataclass(frozen=True, eq=False)
-class OptimizationTask:
-    """Everything that a start needs. It can be sent to another process.
+class StartSolver:
+    """Solves the starts of one search. The program is built once.
 
-    Attributes:
+    Args:
         problem: the task.
         person: who holds the object.
         begin: the posture, the pose of the object, the grasp, and where the soles stand.
@@ -84,79 +83,63 @@ class OptimizationTask:
         tau_deg: scale of the smooth score in the last stage [deg].
     """
 
-    problem: Problem
-    person: ModelPerson
-    begin: Start
-    mode: str
-    solver: str
-    seed: int
-    tau_deg: float
-
-
-class StartSolver:
-    """Solves the starts of one task. The program is built once."""
-
-    def __init__(self, task: OptimizationTask) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        person: ModelPerson,
+        begin: Start,
+        mode: str,
+        solver: str,
+        seed: int,
+        tau_deg: float,
+    ) -> None:
         """Build the program.
 
         Raises:
             InputError: if the task is not well posed.
         """
-        self.task = task
-        self.program = Program(task.problem, task.person.response, task.mode, task.solver)
-        self.anchor = self.program.place.anchor(task.problem, task.begin.pose)
+        self.problem, self.person, self.begin = problem, person, begin
+        self.seed, self.tau_deg, self.cooperative = seed, tau_deg, mode == "cooperative"
+        self.program = Program(problem, person.response, mode, solver)
+        self.anchor = self.program.place.anchor(problem, begin.pose)
 
     def start(self, number: int) -> StartResult:
         """Return the result of a start.
 
         It depends only on the task and the number, not on where and when it is solved.
         """
-        begin = time.perf_counter()
-        task, place = self.task, self.program.place
+        clock, begin, place = time.perf_counter(), self.begin, self.program.place
         drawn = self._draw(number)
         if drawn is None:
-            pose, posture = task.begin.pose, task.begin.posture
-            cost, took = self._cost(posture), time.perf_counter() - begin
+            pose, posture = begin.pose, begin.posture
+            cost, took = self._cost(posture), time.perf_counter() - clock
             return StartResult(number, pose, posture, 0, cost, np.inf, 0.0, took, "out of reach")
         unknowns, rest = drawn
-        solution, posture = Solution(np.empty(0), np.inf), rest
-        last = (task.tau_deg, RELAXATION)
+        posture, residual, last = rest, np.inf, (self.tau_deg, RELAXATION)
         for tau, relaxation in [
-            *(stage for stage in (NARROW if number % 2 else WIDE) if stage[0] > task.tau_deg),
+            *(stage for stage in (NARROW if number % 2 else WIDE) if stage[0] > self.tau_deg),
             *[last] * REPEATS,
         ]:
             given = self.program.given(
-                task.begin.posture, task.begin.grasp, task.begin.soles, self.anchor, relaxation, tau
+                begin.posture, begin.grasp, begin.soles, self.anchor, relaxation, tau
             )
-            pelvis = task.person.contact(rest)[1]
-            solution = self.program.solve(self.program.start(unknowns, rest, pelvis, given), given)
-            if not np.isfinite(solution.values).all():
+            pelvis = self.person.contact(rest)[1]
+            near = self.program.start(unknowns, rest, pelvis, given)
+            values, residual = self.program.solve(near, given)
+            if not np.isfinite(values).all():
                 break
-            unknowns = np.clip(solution.values[: len(unknowns)], place.lower, place.upper)
-            posture = np.array(self.program.posture(solution.values, given)).ravel()
+            unknowns = np.clip(values[: len(unknowns)], place.lower, place.upper)
+            posture = np.array(self.program.posture(values, given)).ravel()
             settled, _ = self._settle(posture, unknowns)
             apart = float(np.abs(settled - posture).max())
-            rest = posture if task.mode == "cooperative" else settled
-            if (
-                (tau, relaxation) == last
-                and solution.residual <= RESIDUAL
-                and (apart <= SAME or task.mode == "cooperative")
-            ):
+            rest = posture if self.cooperative else settled
+            there = apart <= SAME or self.cooperative
+            if (tau, relaxation) == last and residual <= RESIDUAL and there:
                 break
-        return self._verdict(number, unknowns, posture, rest, solution.residual, begin)
-
-    @cached_property
-    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
-        limit = self.task.problem.limit_of(JointLimit)
-        moved = self.program.moved
-        low, high = (np.full(len(JOINTS), end) for end in (-np.inf, np.inf))
-        if limit is not None:
-            low[moved] = limit.range[0][moved] - limit.tolerance
-            high[moved] = limit.range[1][moved] + limit.tolerance
-        return low, high
+        return self._verdict(number, unknowns, posture, residual, clock)
 
     def _cost(self, posture: np.ndarray) -> float:
-        return smooth_cost(self.task.problem, posture, self.task.tau_deg)
+        return smooth_cost(self.problem, posture, self.tau_deg)
 
     def _draw(self, number: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return a place and the rest posture there; None if the person reaches none.
@@ -164,55 +147,53 @@ class StartSolver:
         It is the given place for number 0, and a random one that the person reaches for the
         others.
         """
-        task, place = self.task, self.program.place
-        rng = np.random.default_rng([task.seed, 6, number])
+        begin, place = self.begin, self.program.place
+        rng = np.random.default_rng([self.seed, 6, number])
         for attempt in range(DRAWS):
             if number == attempt == 0:
-                unknowns = place.unknowns(task.begin.pose, self.anchor)
+                unknowns = place.unknowns(begin.pose, self.anchor)
             else:
                 unknowns = place.draw(rng, self.anchor)
-            posture, reached = self._settle(task.begin.posture, unknowns)
+            posture, reached = self._settle(begin.posture, unknowns)
             if reached:
                 return unknowns, posture
         return None
 
     def _settle(self, posture: np.ndarray, unknowns: np.ndarray) -> tuple[np.ndarray, bool]:
         pose = self.program.place.pose(unknowns, self.anchor)
-        begin = self.task.begin
-        return self.task.person.settle(posture, pose, begin.grasp, begin.soles, steps=_SETTLING)
+        begin = self.begin
+        return self.person.settle(posture, pose, begin.grasp, begin.soles, steps=_SETTLING)
 
     def _verdict(
         self,
         number: int,
         unknowns: np.ndarray,
         posture: np.ndarray,
-        rest: np.ndarray,
         residual: float,
-        begin: float,
+        clock: float,
     ) -> StartResult:
-        task = self.task
         pose = self.program.place.pose(unknowns, self.anchor)
         settled, reached = self._settle(posture, unknowns)
         apart = float(np.abs(settled - posture).max())
-        if task.mode == "cooperative":
+        if self.cooperative:
             settled, reached = posture, self._holds(posture, pose)
         note = "out of reach" if not reached else self._outside(settled, pose)
-        score = 0 if note else int(task.problem.assess(settled).final[0])
-        cost, took = self._cost(settled), time.perf_counter() - begin
+        score = 0 if note else int(self.problem.assess(settled).final[0])
+        cost, took = self._cost(settled), time.perf_counter() - clock
         return StartResult(number, pose, settled, score, cost, residual, apart, took, note)
 
     def _holds(self, posture: np.ndarray, pose: np.ndarray) -> bool:
-        begin = self.task.begin
-        targets = np.hstack([pose @ grip for grip in begin.grasp])
-        _, distance, angle = self.task.person.move(posture, targets, begin.soles, 0.0, 0.0)
+        targets = np.hstack([pose @ grip for grip in self.begin.grasp])
+        _, distance, angle = self.person.move(posture, targets, self.begin.soles, 0.0, 0.0)
         return distance < REACHED and angle < REACHED_ANGLE
 
     def _outside(self, posture: np.ndarray, pose: np.ndarray) -> str:
         """Return which limit of the problem is violated, or an empty text."""
-        problem = self.task.problem
-        low, high = self._sides
-        if ((posture < low) | (posture > high)).any():
-            return "outside a joint's range"
+        problem, angles = self.problem, posture[self.program.moved]
+        if (joints := problem.limit_of(JointLimit)) is not None:
+            low, high = (ends[self.program.moved] for ends in joints.range)
+            if ((angles < low - joints.tolerance) | (angles > high + joints.tolerance)).any():
+                return "outside a joint's range"
         if pose[:3, 0] @ self.program.place.direction < self.program.place.least_cosine - 1e-6:
             return "outside the tool axis's cone"
         boundary = problem.limit_of(OneClassBoundary)
@@ -229,13 +210,7 @@ def begin_from(person: ModelPerson, posture: np.ndarray, pose: ArrayLike | None)
     Raises:
         InputError: if `pose` is not a pose.
     """
-    contact = person.contact(posture)[0]
-    grips = person.grasp(posture)
-    if pose is None:
-        return Start(posture, contact, grips, person.stand(posture))
-    pose = read_pose("pose", pose)
-    held = np.stack([np.linalg.solve(pose, contact @ grip) for grip in grips])
-    return Start(posture, pose, held, person.stand(posture))
+    return person.start_at(posture, None if pose is None else read_pose("pose", pose))
 
 
 def optimise(
@@ -296,16 +271,13 @@ def optimise(
         ((4, 4), True)
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
-    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
-        check_whole(name, value, least)
+    check_search(starts, seed, jobs, mode, solver)
     check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
     follower = _follower(problem, person)
     notes: list[str] = []
-    # Report faults of the task itself before any search.
-    check_names(mode, solver)
-    Place.of(problem)
+    Place.of(problem)  # Report faults of the task itself before any search.
     if posture is None:
         given = awkward_start(problem, follower, int(seed))
         notes.append(
@@ -315,9 +287,9 @@ def optimise(
     else:
         given, notes = read_posture(posture)
     begin = begin_from(follower, given, pose)
-    task = OptimizationTask(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     Place.of(problem).anchor(problem, begin.pose)
-    trials = _solve(task, int(starts), int(jobs), progress)
+    terms = (problem, follower, begin, mode, solver, int(seed), float(tau_deg))
+    trials = _solve(terms, int(starts), int(jobs), progress)
     best = _best(problem, trials)
     return Optimum(
         problem=problem.name,
@@ -341,6 +313,17 @@ def optimise(
     )
 
 
+def check_search(starts: int, seed: int, jobs: int, mode: str, solver: str) -> None:
+    """Check the options of a search, before anything is computed.
+
+    Raises:
+        InputError: if one cannot be used; the message names it.
+    """
+    check_names(mode, solver)
+    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
+        check_whole(name, value, least)
+
+
 def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerson:
     response = problem.response
     if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
@@ -354,23 +337,13 @@ def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerso
     return ModelPerson(response if person is None else replace(response, body=person))
 
 
-def _solve(
-    task: OptimizationTask, starts: int, jobs: int, progress: Progress | None
-) -> list[StartResult]:
-    """Return the trials of all starts, in order."""
-    found: Iterable[StartResult]
-    if jobs > 1:
-        [sent] = packed("jobs", [(task,)])
-        found = in_order(_solve_start, [(sent, number) for number in range(starts)], jobs)
-    else:
-        solver = StartSolver(task)
-        found = (solver.start(number) for number in range(starts))
-    trials = []
-    for trial in found:
-        trials.append(trial)
-        if progress is not None:
-            progress(len(trials) / starts)
-    return trials
+def _solve(terms: tuple, starts: int, jobs: int, progress: Progress | None) -> list[StartResult]:
+    """Return the trials of all starts, in order; `terms` are those of a `StartSolver`."""
+    if jobs == 1:
+        calls = [(number,) for number in range(starts)]
+        return in_order(StartSolver(*terms).start, calls, progress=progress)
+    [sent] = packed("jobs", [terms])
+    return in_order(_solve_start, [(sent, number) for number in range(starts)], jobs, progress)
 
 
 def _solve_start(sent: bytes, number: int) -> StartResult:
@@ -379,7 +352,7 @@ def _solve_start(sent: bytes, number: int) -> StartResult:
 
 @lru_cache(maxsize=4)
 def _solver_of(sent: bytes) -> StartSolver:
-    """Return the solver of a task in another process, which builds the program only once."""
+    """Return the solver in another process, which builds the program only once."""
     return call_packed(StartSolver, sent)
 
 

@@ -7,17 +7,23 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from ergoqp.arguments import check_whole
+from ergoqp.arguments import Progress, check_whole
 from ergoqp.errors import InputError, MissingExtraError, WorkersError, in_words
 
 
-def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1) -> Iterator[Any]:
-    """Yield the result of every call as soon as it and all before it are done.
+def in_order(
+    function: Callable[..., Any],
+    calls: Sequence[tuple],
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> list[Any]:
+    """Return the results of all calls, in their order.
 
     Args:
         function: a function of a module, so that another process can import it.
         calls: arguments of each call.
         jobs: number of processes; 1: this process.
+        progress: called with the share of the calls that is done.
 
     Raises:
         InputError: if `jobs` is below 1, or the arguments cannot be sent to another process.
@@ -25,6 +31,16 @@ def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1
         WorkersError: if a process was ended.
     """
     check_whole("jobs", jobs, 1)
+    found = []
+    for result in _yielded(function, calls, jobs):
+        found.append(result)
+        if progress is not None:
+            progress(len(found) / len(calls))
+    return found
+
+
+def _yielded(function: Callable[..., Any], calls: Sequence[tuple], jobs: int) -> Iterator[Any]:
+    """Yield the result of every call as soon as it and all before it are done."""
     if jobs == 1 or len(calls) < 2:
         yield from (function(*arguments) for arguments in calls)
         return

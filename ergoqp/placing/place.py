@@ -293,7 +293,7 @@ def slices_through(
             (problem, person, poses, start)
             for person, start in zip(people, starts or [None] * len(people), strict=True)
         ]
-        scores[:, allowed] = np.stack(list(in_order(_scores, calls, jobs)))
+        scores[:, allowed] = np.stack(in_order(_scores, calls, jobs))
         scores = scores.reshape(-1, len(vertical), len(horizontal))
         slices.append(Slice(across, up, horizontal, vertical, scores, point))
     return slices

@@ -35,7 +35,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import check_word
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
@@ -98,31 +98,12 @@ def check_names(mode: str, solver: str) -> None:
         InputError: if one of them is unknown, or CasADi was built without the solver.
     """
     for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
-        if not isinstance(value, str) or value not in allowed:
-            raise InputError(f"{what}: got {shown(value)}, allowed {', '.join(allowed)}")
+        check_word(what, value, allowed)
     if not ca.has_nlpsol(solver):
         others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
         raise InputError(
             f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}"
         )
-
-
-Ends = tuple[np.ndarray, np.ndarray]
-"""Lower and upper ends."""
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Result of a solver.
-
-    Attributes:
-        values: values of all unknowns (n,).
-        residual: largest violation of the optimality conditions, recomputed from the
-            expressions of the program.
-    """
-
-    values: np.ndarray
-    residual: float
 
 
 @dataclass(frozen=True)
@@ -332,8 +313,8 @@ class Program:
         ends = (posture <= LOWER + _INSIDE) | (posture >= UPPER - _INSIDE)
         return ends[self.moved]
 
-    def solve(self, x: np.ndarray, given: np.ndarray) -> Solution:
-        """Improve values near their start, and return them with their distance from optimality.
+    def solve(self, x: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, float]:
+        """Improve the values (n,) near their start, and return them with their `residual`.
 
         Farther away than `NEAR` and `NEAR_PELVIS` the equations have solutions in which no
         person is at rest. The residual does not include these bounds, so a solution that stops
@@ -347,9 +328,9 @@ class Program:
             found = self._solver(x0=at, p=given, lbx=near, ubx=far, lbg=least, ubg=most)
         except RuntimeError:
             # Some solvers raise when a value is not a number. This start then ends here.
-            return Solution(at, float("inf"))
+            return at, float("inf")
         values, *multipliers = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
-        return Solution(values, self.residual(values, given, *multipliers))
+        return values, self.residual(values, given, *multipliers)
 
     def residual(
         self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray
@@ -453,8 +434,8 @@ class Program:
         low, high = limit.range
         return [j for j in self.moved if low[j] > LOWER[j] or high[j] < UPPER[j]]
 
-    def _make_bounds(self) -> tuple[Ends, Ends]:
-        """Return the bounds of unknowns and rows."""
+    def _make_bounds(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the lower and upper bounds of the unknowns, and those of the rows."""
         low, high = np.full(self._count, -np.inf), np.full(self._count, np.inf)
         leader = len(self.place.kinds)
         low[:leader], high[:leader] = self.place.lower, self.place.upper
@@ -467,7 +448,5 @@ class Program:
         least, most = (side[self._narrow] for side in ranges)
         more = np.zeros(self._boundary + self._own)
         least = np.concatenate([equal, [self.place.least_cosine], least, more])
-        return (low, high), (
-            least,
-            np.concatenate([equal, [np.inf], most, np.full_like(more, np.inf)]),
-        )
+        most = np.concatenate([equal, [np.inf], most, np.full_like(more, np.inf)])
+        return [(low, high), (least, most)]

@@ -216,21 +216,12 @@ def _reasons(found: GroupOptimum) -> PageTable:
 
     The first sentences of the reasons are those of the segments.
     """
-    rows = [
-        (
-            member.label,
-            "; ".join(
-                why
-                for name, why in zip(palette.SEGMENTS, member.reasons, strict=False)
-                if member.segments[name] > 1
-            ),
-        )
-        for member in found.members
-    ]
-    return PageTable(
-        ("person", "segments with more than one point"),
-        [(label, words or "none") for label, words in rows],
-    )
+    rows = []
+    for member in found.members:
+        whys = zip(palette.SEGMENTS, member.reasons, strict=False)
+        costly = [why for name, why in whys if member.segments[name] > 1]
+        rows.append((member.label, "; ".join(costly) or "none"))
+    return PageTable(("person", "segments with more than one point"), rows)
 
 
 def _options(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:

@@ -117,8 +117,13 @@ def write_optimum_page(
         OSError: if the file cannot be written.
     """
     follower, stature = ModelPerson(optimum.response), optimum.response.body.stature
-    before, after = (_segments(problem, q) for q in (optimum.posture_before, optimum.posture))
+    ends = (optimum.posture_before, optimum.pose_before), (optimum.posture, optimum.pose)
+    assessed = [problem.assess(posture) for posture, _ in ends]
+    before, after = segments = [palette.segments_at(each, 0) for each in assessed]
+    scores = f"REBA {optimum.reba_before}", f"REBA {optimum.reba_after}"
+    captions = f"before: {scores[0]}", f"at the best place: {scores[1]}"
     assumptions, options = closing_sections(optimum.assumptions, _options(optimum, problem))
+    both = [optimum] if cooperative is None else [optimum, cooperative]
     page = Page(
         title=f"Best place: {optimum.title}",
         subtitle=(
@@ -132,51 +137,31 @@ def write_optimum_page(
         change=change_of(optimum.reba_before, optimum.reba_after),
         facts=_facts(optimum),
         figures=[
-            _figure(
-                follower,
-                optimum.posture_before,
-                before,
-                optimum.pose_before,
-                f"before: REBA {optimum.reba_before}",
-            ),
-            _figure(
-                follower,
-                optimum.posture,
-                after,
-                optimum.pose,
-                f"at the best place: REBA {optimum.reba_after}",
-            ),
+            _figure(follower, *end, own, caption)
+            for end, own, caption in zip(ends, segments, captions, strict=True)
         ],
         sections=[
             _map(optimum, problem, follower, jobs),
             segments_section(
-                (f"before: REBA {optimum.reba_before}", f"best place: REBA {optimum.reba_after}"),
+                (captions[0], f"best place: {scores[1]}"),
                 before,
                 after,
-                (
-                    problem.assess(optimum.posture_before).reasons(0),
-                    problem.assess(optimum.posture).reasons(0),
-                ),
+                (assessed[0].reasons(0), assessed[1].reasons(0)),
             ),
-            *([] if cooperative is None else [_bound(optimum, cooperative)]),
+            *([_bound(both)] if len(both) > 1 else []),
             assumptions,
-            _starts([optimum, *([] if cooperative is None else [cooperative])]),
+            _starts(both),
             options,
         ],
     )
     write_page(page, path)
 
 
-def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
-    segments = problem.assess(posture).segments
-    return {name: int(segments[name][0]) for name in palette.SEGMENTS}
-
-
 def _figure(
     follower: ModelPerson,
     posture: np.ndarray,
-    segments: dict[str, int],
     pose: np.ndarray,
+    segments: dict[str, int],
     caption: str,
 ) -> Picture:
     base = follower.contact(posture)[1]
@@ -227,7 +212,7 @@ def _map(optimum: Optimum, problem: Problem, follower: ModelPerson, jobs: int) -
     return Section("Map", intro, pictures, columns=True, chips=COLOURS)
 
 
-def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
+def _bound(found: Sequence[Optimum]) -> Section:
     rows = [
         (
             MODES[each.mode],
@@ -235,7 +220,7 @@ def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
             f"{each.cost_after:.3f}",
             place_words(each.pose),
         )
-        for each in (optimum, cooperative)
+        for each in found
     ]
     return Section(
         "At rest, and with the posture chosen",
@@ -290,10 +275,7 @@ def _options(optimum: Optimum, problem: Problem) -> list[tuple[str, str]]:
         ("solver", optimum.solver),
         ("starts", str(len(optimum.trials))),
         ("seed", str(optimum.seed)),
-        *(
-            []
-            if optimum.tau_deg is None
-            else [("tau of the last stage", f"{optimum.tau_deg:g} deg")]
-        ),
     ]
+    if optimum.tau_deg is not None:
+        own.append(("tau of the last stage", f"{optimum.tau_deg:g} deg"))
     return [*own, *task_options(problem)]

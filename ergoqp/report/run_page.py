@@ -32,15 +32,13 @@ from ergoqp.report.page import (
 )
 from ergoqp.report.run_facts import (
     RunFacts,
-    facts_of,
     hint_of,
     reasons_of,
-    segments_at,
     told_of,
     violation_rows,
 )
 from ergoqp.sheets.reba import Assessment
-from ergoqp.simulation.run import Run
+from ergoqp.simulation.run import Run, hand_forces
 
 _STATUS_STYLE: Final = {
     "optimal": "level0",
@@ -166,7 +164,7 @@ def write_run_page(run: Run, path: Path) -> None:
         MissingExtraError: if viser or jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    facts = facts_of(run)
+    facts = RunFacts(run)
     scores = scored_alike(run.assessment, run.postures)
     seated = is_seated(run.assessment)
     movement = Movement(
@@ -298,13 +296,12 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
 
 def _felt(run: Run) -> list[tuple[str, str]]:
     """Return forces, slips and falls of a person with mass."""
-    forces = np.linalg.norm(run.forces[:, :3], axis=1)
-    forces = forces[np.isfinite(forces)]
-    if not forces.size:
+    felt = hand_forces(run.forces)
+    if felt is None:
         return []
     fell = "no" if run.fell is None else f"at {run.fell:.1f} s"
     return [
-        ("force on the hands", f"median {np.median(forces):.0f} N, at most {forces.max():.0f} N"),
+        ("force on the hands", f"median {felt['median']:.0f} N, at most {felt['peak']:.0f} N"),
         ("slips of a hand", str(run.slips)),
         ("fell", fell),
     ]
@@ -316,7 +313,7 @@ def _figure(run: Run, row: int, name: str) -> Picture:
         run.body,
         run.postures[row],
         run.base_poses[row],
-        segments_at(run, row),
+        palette.segments_at(run.assessment, row),
         f"Posture {name}",
         run.poses[row],
     )

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
-from ergoqp.report.run_facts import facts_of, hint_of, told_of, violation_rows
+from ergoqp.report.run_facts import RunFacts, hint_of, told_of, violation_rows
 from ergoqp.report.scores import summary_of, worst_in_words
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
@@ -26,7 +26,7 @@ def run_table(run: Run) -> RenderableType:
     Args:
         run: the run.
     """
-    facts = facts_of(run)
+    facts = RunFacts(run)
     best = f"{_score(facts.best)} at {facts.best_at:.1f} s"
     scores: list[tuple[str | Text, ...]] = [
         ("REBA", _score(facts.before), _score(facts.after), best)

@@ -8,13 +8,14 @@ It is found in a fraction of a second.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from ergoqp.errors import ErgoqpError, InputError, OutOfReachError
 from ergoqp.files.cache import CacheEntry, digest_of
-from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import PLACES, Problem, no_start
 from ergoqp.rest.model_person import ModelPerson, Start
@@ -98,12 +99,12 @@ def settle_in_order(
     """
     start = start or person.start_at(person.response.comfort)
     postures, reached = np.zeros((len(poses), len(start.posture))), np.zeros(len(poses), dtype=bool)
-    features = np.array([_features(pose) for pose in poses])
+    placed = features(poses)
     for i, pose in enumerate(poses):
         before = np.flatnonzero(reached[:i])
         seed = start.posture
         if before.size:
-            seed = postures[before[np.argmin(((features[before] - features[i]) ** 2).sum(axis=1))]]
+            seed = postures[before[np.argmin(((placed[before] - placed[i]) ** 2).sum(axis=1))]]
         postures[i], reached[i] = person.settle(seed, pose, start.grasp, start.soles)
     return postures, reached
 
@@ -114,7 +115,8 @@ def outward(person: ModelPerson, poses: np.ndarray, home: np.ndarray | None = No
     If `home` is None, it is the pose at which the comfort posture holds the object.
     """
     home = person.contact(person.response.comfort)[0] if home is None else home
-    return np.argsort([_distance(pose, home) for pose in poses], kind="stable")
+    apart = features(poses) - features(home)
+    return np.argsort([np.linalg.norm(each) for each in apart], kind="stable")
 
 
 def workspace_lines(problem: Problem, spacing: float) -> tuple[list[np.ndarray], np.ndarray]:
@@ -127,16 +129,19 @@ def workspace_lines(problem: Problem, spacing: float) -> tuple[list[np.ndarray],
 
 def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
     """Return poses (n, 4, 4) over a problem's workspace: x slowest, then y, z, tilts fastest."""
-    lines, rotations = workspace_lines(problem, spacing)
+    return poses_over(*workspace_lines(problem, spacing))
+
+
+def poses_over(lines: Sequence[np.ndarray], rotations: np.ndarray) -> np.ndarray:
+    """Return poses (n, 4, 4) for places along x, y, z and rotations (k, 3, 3), in that order."""
     places = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     poses = np.tile(np.eye(4), (len(places), len(rotations), 1, 1))
-    poses[..., :3, 3] = places[:, None]
-    poses[..., :3, :3] = rotations
+    poses[..., :3, 3], poses[..., :3, :3] = places[:, None], rotations
     return poses.reshape(-1, 4, 4)
 
 
 def tilted_frames(
-    cone: AxisCone, axes: tuple[str, ...] = AXES, shares: tuple[float, ...] = TURNS
+    cone: AxisCone, axes: tuple[str, ...], shares: tuple[float, ...] = TURNS
 ) -> np.ndarray:
     """Return rotations (n, 3, 3) of the contact frame within a cone.
 
@@ -152,47 +157,6 @@ def tilted_frames(
         if np.hypot(a, b) <= 0.95
     ]
     return np.stack([middle @ turn_about(1, a * half) @ turn_about(2, b * half) for a, b in tilts])
-
-
-def draw_starts(
-    problem: Problem, person: ModelPerson, count: int, seed: int, at_least: int, tries: int = 2000
-) -> list[Start]:
-    """Return starts at rest in random reachable workspace places that score at least `at_least`.
-
-    Places are drawn from the map of the person and shifted by up to half its spacing. There
-    are fewer than `count` starts if `tries` places do not give that many.
-    """
-    found = workspace_map(problem, person)
-    candidates = np.flatnonzero(found.scores >= at_least)
-    rng = np.random.default_rng([seed, 3])
-    box = problem.limit_of(WorkspaceBox)
-    comfort = person.response.comfort
-    soles, grasp = person.stand(comfort), person.grasp(comfort)
-    starts: list[Start] = []
-    for _ in range(tries if candidates.size else 0):
-        chosen = rng.choice(candidates)
-        pose = found.poses[chosen].copy()
-        beside = pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING
-        pose[:3, 3] = np.clip(beside, box.lower, box.upper)
-        posture, reached = person.settle(found.postures[chosen], pose, grasp, soles)
-        if (
-            reached
-            and not problem.own_limits.broken(pose, posture)
-            and problem.assess(posture).final[0] >= at_least
-        ):
-            # The hand may have turned about a free tool, so the grasp is that of the new
-            # posture.
-            held = np.linalg.solve(pose, grips_of(person, posture))
-            starts.append(Start(posture, pose, held, soles))
-            if len(starts) == count:
-                break
-    return starts
-
-
-def grips_of(person: ModelPerson, posture: np.ndarray) -> np.ndarray:
-    """Return the grips in the world (k, 4, 4) at a posture (32,) [rad]."""
-    contact = person.contact(posture)[0]
-    return np.stack([contact @ grip for grip in person.grasp(posture)])
 
 
 _TERMS = ("hands", "stance", "seat", "tool", "free_about_tool")
@@ -218,13 +182,12 @@ def _key(problem: Problem, person: ModelPerson, spacing: float) -> str:
     return digest_of(content)
 
 
-def _features(pose: np.ndarray) -> np.ndarray:
-    # In the search for the nearest pose a quarter turn counts as much as 30 cm.
-    return np.concatenate([pose[:3, 3], 0.2 * pose[:3, 0]])
+def features(poses: np.ndarray) -> np.ndarray:
+    """Return numbers (..., 6) of poses (..., 4, 4), which are alike for poses near each other.
 
-
-def _distance(pose: np.ndarray, other: np.ndarray) -> float:
-    return float(np.linalg.norm(_features(pose) - _features(other)))
+    A quarter turn of the tool axis counts as much as 30 cm.
+    """
+    return np.concatenate([poses[..., :3, 3], 0.2 * poses[..., :3, 0]], axis=-1)
 
 
 _EDGE = 0.02
@@ -272,7 +235,7 @@ def awkward_place(
     rng = np.random.default_rng([seed, 4])
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     inset = np.minimum(_EDGE, (upper - lower) / 2)
-    rotations = tilted_frames(cone, problem.twist_limit.axes, TURNS)
+    rotations = tilted_frames(cone, problem.twist_limit.axes)
     found, postures, notes = [], [], []
     for _ in range(places):
         pose = np.eye(4)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -29,8 +28,18 @@ REACHED_ANGLE = 0.15
 
 
 @dataclass(frozen=True)
-class ReachAndRelax:
-    """How the posture follows the object, and which posture is at rest with the object at a place.
+class Start:
+    """Start of a loop: posture, pose of the object, grasp, and where the soles stand."""
+
+    posture: np.ndarray
+    pose: np.ndarray
+    grasp: np.ndarray
+    soles: np.ndarray
+
+
+@dataclass(frozen=True)
+class ModelPerson(Person):
+    """A person like the controller's model, but with other numbers.
 
     The posture moves by the person's own `IkResponse`. Errors of the grip and of the soles are
     fed back, so that nothing drifts. The posture at rest is the one nearest to comfort, in the
@@ -41,6 +50,8 @@ class ReachAndRelax:
     """
 
     response: IkResponse
+    kind: ClassVar[str] = "alike"
+    manner: ClassVar[str] = "built like the controller's model with other joint weights"
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle as the fields: expressions cannot be sent to a process, and are rebuilt there."""
@@ -69,7 +80,7 @@ class ReachAndRelax:
             distances.append(ca.norm_2(error[:3]))
             turn = error[3:]
             if response.free_about_tool:
-                axis = self._tool_axis(have)
+                axis = have[:3, :3] @ ca.DM(TOOL_AXES[response.tool][0])
                 turn = turn - axis * ca.dot(axis, turn)
             angles.append(ca.norm_2(turn))
         step = response.reach()(q, locked, gain * ca.vertcat(*errors))
@@ -86,9 +97,6 @@ class ReachAndRelax:
             ["q", "locked", "targets", "soles", "gain", "relax"],
             ["step", "distance", "angle"],
         )
-
-    def _tool_axis(self, grip: ca.SX) -> ca.SX:
-        return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
 
     def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return one Newton step of the legs that moves the soles back to their place on the floor.
@@ -191,38 +199,6 @@ class ReachAndRelax:
         step, distance, angle = evaluator.outputs.values()
         return step.copy(), float(distance[0]), float(angle[0])
 
-
-def _pose_error(have: ca.SX, want: ca.SX) -> ca.SX:
-    """Return the motion (6,) from one pose to another, to first order, with a bounded turn."""
-    turn = sum((ca.cross(have[:3, i], want[:3, i]) for i in range(3)), ca.SX(3, 1)) / 2
-    return ca.vertcat(want[:3, 3] - have[:3, 3], turn)
-
-
-def _capped(vector: ca.SX, most: float) -> ca.SX:
-    return vector * ca.fmin(1, most / (ca.norm_2(vector) + 1e-12))
-
-
-@dataclass(frozen=True)
-class Start:
-    """Start of a loop: posture, pose of the object, grasp, and where the soles stand."""
-
-    posture: np.ndarray
-    pose: np.ndarray
-    grasp: np.ndarray
-    soles: np.ndarray
-
-
-@dataclass(frozen=True)
-class ModelPerson(ReachAndRelax, Person):
-    """A person like the controller's model, but with other numbers.
-
-    Attributes:
-        response: body, weights and comfort of the person.
-    """
-
-    kind: ClassVar[str] = "alike"
-    manner: ClassVar[str] = "built like the controller's model with other joint weights"
-
     @property
     def body(self) -> Body:
         """Body of the person."""
@@ -248,13 +224,45 @@ class ModelPerson(ReachAndRelax, Person):
         """Return the person holding the object as at a start."""
         return AlikeHolding(self, start, senses or self.senses)
 
-    def start_at(self, posture: np.ndarray) -> Start:
-        """Return the start with the person holding the object in a posture (32,) [rad]."""
-        return Start(posture, self.contact(posture)[0], self.grasp(posture), self.stand(posture))
+    def start_at(self, posture: np.ndarray, pose: np.ndarray | None = None) -> Start:
+        """Return the start with the person holding the object in a posture (32,) [rad].
+
+        The object is at `pose` (4, 4); None: as the posture holds it.
+        """
+        contact, grasp = self.contact(posture)[0], self.grasp(posture)
+        if pose is None:
+            return Start(posture, contact, grasp, self.stand(posture))
+        held = np.stack([np.linalg.solve(pose, contact @ grip) for grip in grasp])
+        return Start(posture, pose, held, self.stand(posture))
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Return (posture at rest (32,) [rad], whether the object at `pose` is reached)."""
         return self.settle(self.comfort, pose, self.grasp(self.comfort), self.stand(self.comfort))
+
+
+def _pose_error(have: ca.SX, want: ca.SX) -> ca.SX:
+    """Return the motion (6,) from one pose to another, to first order, with a bounded turn."""
+    turn = sum((ca.cross(have[:3, i], want[:3, i]) for i in range(3)), ca.SX(3, 1)) / 2
+    return ca.vertcat(want[:3, 3] - have[:3, 3], turn)
+
+
+def _capped(vector: ca.SX, most: float) -> ca.SX:
+    return vector * ca.fmin(1, most / (ca.norm_2(vector) + 1e-12))
+
+
+def person_of(problem: Problem) -> IkResponse:
+    """Return the response of a problem, which is its model of the person.
+
+    Raises:
+        InputError: if the response is of another type.
+    """
+    response = problem.response
+    if not isinstance(response, IkResponse):
+        raise InputError(
+            f"problem {problem.name}: got a response of type {type(response).__name__}, allowed"
+            " IkResponse"
+        )
+    return response
 
 
 def sample_person(problem: Problem, seed: int, body: Body | None = None) -> ModelPerson:
@@ -279,12 +287,7 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Mode
         >>> sample_person(problem, seed=1, body=Body(1.68)).body.stature
         1.68
     """
-    response = problem.response
-    if not isinstance(response, IkResponse):
-        raise InputError(
-            f"simulated person: got a response of type {type(response).__name__}, allowed"
-            " IkResponse"
-        )
+    response = person_of(problem)
     rng = np.random.default_rng([seed, 1])
     factors = np.exp(rng.uniform(np.log(0.5), np.log(2.0), len(JOINTS)))
     stature = response.body.stature + rng.uniform(-0.10, 0.10)
@@ -292,7 +295,7 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Mode
     return ModelPerson(replace(response, body=body or Body.of_stature(stature), weights=weights))
 
 
-class AlikeHolding(Holding):
+class AlikeHolding(Holding[ModelPerson]):
     """The state of a person of the kind `alike` who holds the object.
 
     Args:
@@ -303,14 +306,9 @@ class AlikeHolding(Holding):
 
     def __init__(self, person: ModelPerson, start: Start, senses: SensorModel) -> None:
         """Start to hold the object as in `start`."""
-        self._person, self.start, self.senses = person, start, senses
+        self.person, self.start, self.senses = person, start, senses
         self._posture, self.pose = start.posture.copy(), start.pose.copy()
-        self._late: deque[np.ndarray] = deque()
-
-    @property
-    def person(self) -> ModelPerson:
-        """The person."""
-        return self._person
+        self._late = deque[np.ndarray]()
 
     @property
     def posture(self) -> np.ndarray:
@@ -342,9 +340,3 @@ class AlikeHolding(Holding):
         self._posture, self.pose = posture, pose
         self._late.clear()
         return reached
-
-    def copy(self) -> Self:
-        """Return an independent copy of the state."""
-        other = copy(self)
-        other._late = self._late.copy()
-        return other

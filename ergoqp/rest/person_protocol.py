@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -95,11 +97,14 @@ def draw_senses(rng: np.random.Generator) -> SensorModel:
 LET_GO = 0.12
 """A hand this far from its grip has let go [m]. A delay cannot explain it at any allowed speed."""
 
+P = TypeVar("P", bound="Person", covariant=True)
 
-class Holding(ABC):
+
+class Holding(ABC, Generic[P]):
     """The state of a person who holds the object.
 
     Attributes:
+        person: the person.
         pose: true contact frame of the object in the world (4, 4) [m].
         gap: largest distance of a hand from where it holds the object [m].
         senses: sensors between the person and the controller.
@@ -121,6 +126,7 @@ class Holding(ABC):
         (True, (32,))
     """
 
+    person: P
     pose: np.ndarray
     senses: SensorModel
     gap: float = 0.0
@@ -129,11 +135,7 @@ class Holding(ABC):
     fallen: bool = False
     unbalanced: bool = False
     slid: float = 0.0
-
-    @property
-    @abstractmethod
-    def person(self) -> Person:
-        """The person."""
+    _late: deque[np.ndarray]  # poses of the object that the person does not follow yet
 
     @property
     @abstractmethod
@@ -162,9 +164,11 @@ class Holding(ABC):
             Whether the object is reached there.
         """
 
-    @abstractmethod
     def copy(self) -> Self:
         """Return an independent copy of the state."""
+        other = copy(self)
+        other._late = self._late.copy()
+        return other
 
     def count_from_here(self) -> None:
         """Reset the number of slips, and the sliding distance of the soles."""

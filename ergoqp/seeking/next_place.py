@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number, check_text, check_whole
+from ergoqp.arguments import Range, check_parameters, check_text, check_whole
 from ergoqp.expressions import read_pose
 from ergoqp.identification.loops import Resting
 from ergoqp.identification.promising import Candidate
@@ -62,22 +62,19 @@ class SeekOptions:
     """
 
     tries: int = 6
-    worth: float = 0.05
-    longest: float = 60.0
-    patience: float = 15.0
-    better: float = 0.2
-    enough: float = 0.5
+    worth: Annotated[float, Range(0.0, 1e6)] = 0.05
+    longest: Annotated[float, Range(0.0, 1e6, "s")] = 60.0
+    patience: Annotated[float, Range(0.0, 1e6, "s")] = 15.0
+    better: Annotated[float, Range(0.0, 1e6)] = 0.2
+    enough: Annotated[float, Range(0.0, 1e6)] = 0.5
     returns: int = 2
-    worse: float = 1.0
+    worse: Annotated[float, Range(0.0, 1e6)] = 1.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         for name in ("tries", "returns"):
             check_whole(f"seeking.{name}", getattr(self, name), 0, 100)
-        for name in ("longest", "patience"):
-            check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6, "s")
-        for name in ("worth", "better", "enough", "worse"):
-            check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6)
+        check_parameters(self, "seeking.")
 
 
 @dataclass(frozen=True, eq=False)

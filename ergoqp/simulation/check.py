@@ -57,7 +57,7 @@ class _Solid:
         normals: directions out of the planes (f, 3).
         offsets: positions of the planes along them (f,) [m].
         centre: of a ball (3,) [m].
-        radius: of a ball, or 0 [m].
+        radius: of a ball [m]; a region with planes is no ball.
         spared: depth that still counts as outside [m].
     """
 
@@ -76,18 +76,18 @@ class _Solid:
         centre = np.clip(
             place, self.centre - np.maximum(back, 0), self.centre - np.minimum(back, 0)
         )
-        radius = max(self.radius + wider, 0.0) if self.radius else 0.0
+        radius = max(self.radius + wider, 0.0)
         return _Solid(self.normals, self.offsets + along + wider, centre, radius, self.spared)
 
     def depth(self, place: np.ndarray) -> float:
         """How deep a place (3,) is inside [m]; negative outside."""
-        if self.radius:
+        if not len(self.normals):
             return self.radius - float(np.linalg.norm(place - self.centre))
-        return float((self.offsets - self.normals @ place).min(initial=np.inf))
+        return float((self.offsets - self.normals @ place).min())
 
     def crossed(self, place: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return where straight ways (n, 3) enter and leave (n,), none: enter after they leave."""
-        if self.radius:
+        if not len(self.normals):
             apart = place - self.centre
             nearest = -ways @ apart
             rest = self.radius**2 - apart @ apart + nearest**2
@@ -188,11 +188,10 @@ class Ways:
 
 def _solid(limit: Any, noise: float) -> _Solid | None:
     """Return the region of a limit; None if it has none, or one of a user."""
-    region = limit.region if type(limit) is KeepOut else None
-    if type(region) not in (HalfSpace, Ball, Box):
+    if type(limit) is not KeepOut or type(limit.region) not in (HalfSpace, Ball, Box):
         return None
     spared, nowhere = limit.tolerance + noise, np.zeros(3)
-    match region:
+    match limit.region:
         case HalfSpace(normal, offset):
             return _Solid(np.array([normal]), np.array([offset]), nowhere, 0.0, spared)
         case Ball(centre, radius):
@@ -320,7 +319,7 @@ class Checker:
             excess["boundary"] = 0.0 if excused else self._boundary_excess(posture, rate, dt)
         if self._length and posture is not None:
             before, behind = (
-                abs(_apart(points) - self._length.length)
+                abs(float(np.linalg.norm(points[3:] - points[:3])) - self._length.length)
                 for points in (posture, posture + rate * dt)
             )
             excess["arm length"] = behind - before
@@ -393,14 +392,14 @@ class Checker:
         there is one.
         """
         nowhere = np.zeros(len(self.problem.coordinates))
-        depths = [_inside(limit, pose[:3, 3]) for pose in poses]
-        known = [depth for depth in depths if depth is not None]
-        if len(known) < len(depths):
+        solid = _solid(limit, 0.0)
+        if solid is None:
             return [-self.problem.own_limits.margins(limit, nowhere, pose) for pose in poses]
-        if min(known) > _ALLOWED:
+        depths = [solid.depth(pose[:3, 3]) for pose in poses]
+        if min(depths) > _ALLOWED:
             lengths = [self._ways.length(pose[:3, 3]) for pose in poses]
-            known = lengths if np.isfinite(lengths).all() and min(lengths) > 0 else known
-        return [np.array([depth]) for depth in known]
+            depths = lengths if np.isfinite(lengths).all() and min(lengths) > 0 else depths
+        return [np.array([depth]) for depth in depths]
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
         """Return how much further outside the posture is than it was; 0 inside."""
@@ -433,20 +432,6 @@ class Checker:
         return {"joint range": worst[0], "joint rate": 0.0 if stops else worst[1]}
 
 
-def _inside(limit: Limit, point: np.ndarray) -> float | None:
-    """Return how deep a point (3,) is in a region to keep out of [m]; None if not known here."""
-    region = limit.region if isinstance(limit, KeepOut) and type(limit) is KeepOut else None
-    match region if type(region) in (HalfSpace, Ball, Box) else None:
-        case HalfSpace(normal, offset):
-            return offset - float(np.dot(normal, point))
-        case Ball(centre, radius):
-            return radius - float(np.linalg.norm(point - centre))
-        case Box(lower, upper):
-            apart = np.maximum(np.subtract(lower, point), np.subtract(point, upper))
-            return -float(np.linalg.norm(apart.clip(0)) or apart.max())
-    return None
-
-
 def _outside_box(pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.maximum(low - pose[:3, 3], pose[:3, 3] - high)
 
@@ -462,10 +447,6 @@ def _moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     after[:3, 3] += displacement[:3]
     after[:3, :3] = rotation @ pose[:3, :3]
     return after
-
-
-def _apart(points: np.ndarray) -> float:
-    return float(np.linalg.norm(points[3:] - points[:3]))
 
 
 def _angle(axis: np.ndarray, direction: tuple[float, float, float]) -> float:

@@ -84,31 +84,30 @@ def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> li
         robot: how it behaves; None: as declared.
         person: the person, whose simulation may include its own robot.
     """
-    declared = _told(problem.robot)
-    does = _told(robot) if robot is not None else ""
-    own = (
-        "holds the object with a spring and a damper, so it lags, and the person's forces move the"
-        " object"
-    )
-    return [
-        (
-            f"The declared robot: {declared}."
-            if declared
-            else (
-                "No robot is declared: the controller assumes one that follows every twist at once."
-            )
-        ),
-        "The simulated robot "
-        + (
-            f"{own}{f', and has {does}' if does else ''}."
-            if person.robot is not None
-            else "does exactly that."
-            if robot is None and not declared
-            else "has errors up to that size."
-            if robot is None
-            else f"has {does}."
-        ),
-    ]
+    declared, does = _told(problem.robot), "" if robot is None else _told(robot)
+    told = "No robot is declared: the controller assumes one that follows every twist at once."
+    if declared:
+        told = f"The declared robot: {declared}."
+    if person.robot is not None:
+        acts = (
+            "holds the object with a spring and a damper, so it lags, and the person's forces move"
+            f" the object{f', and has {does}' if does else ''}."
+        )
+    elif robot is not None:
+        acts = f"has {does}."
+    else:
+        acts = "has errors up to that size." if declared else "does exactly that."
+    return [told, f"The simulated robot {acts}"]
+
+
+_TOLD_IN: Final = {
+    "gain": (1, ""),
+    "pose_noise_deg": (1, " deg"),
+    "pose_noise": (1e3, " mm"),
+    "gain_error": (100, " %"),
+    "speed_noise": (100, " %"),
+}
+"""Factor and unit of the numbers of a robot that are no times."""
 
 
 def _told(robot: DeclaredRobot | RobotKind) -> str:
@@ -118,17 +117,8 @@ def _told(robot: DeclaredRobot | RobotKind) -> str:
         value = getattr(robot, entry.name)
         if value == getattr(perfect, entry.name):
             continue
-        name = entry.name.removesuffix("_deg").replace("_", " ")
-        if entry.name.endswith("_deg"):
-            words.append(f"{name} {value:g} deg")
-        elif entry.name == "pose_noise":
-            words.append(f"{name} {1e3 * value:g} mm")
-        elif entry.name in ("gain_error", "speed_noise"):
-            words.append(f"{name} {100 * value:g} %")
-        else:
-            words.append(
-                f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms"
-            )
+        factor, unit = _TOLD_IN.get(entry.name, (1e3, " ms"))
+        words.append(f"{_label(entry.name)} {factor * value:g}{unit}")
     return ", ".join(words)
 
 

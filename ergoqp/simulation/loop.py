@@ -217,15 +217,3 @@ def settle_time(trace: Trace, still: float = 1.0) -> float:
     end = trace.time[-1]
     came = trace.time[moving[-1]] if moving.size else 0.0
     return came if end - came >= still else float("inf")
-
-
-def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
-    """Return the share of the power of the twist above a frequency [Hz].
-
-    Each axis is relative to its speed limit. At standstill the share is 0.
-    """
-    moving = speed > 0
-    spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2
-    total = spectrum.sum()
-    high = np.fft.rfftfreq(len(twists), dt) > frequency
-    return float(spectrum[high].sum() / total) if total > 0 else 0.0

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from ergoqp.arguments import shown
-from ergoqp.errors import InputError
+from ergoqp.arguments import check_word
 from ergoqp.registry import own_term, registered
 from ergoqp.rest.model_person import sample_person
 
@@ -46,7 +45,6 @@ def person_of_kind(kind: str, problem: Problem, seed: int, body: Body | None = N
         >>> person_of_kind("stubborn", problem, seed=1).kind
         'stubborn'
     """
-    if kind not in KINDS:
-        raise InputError(f"follower: got {shown(kind)}, allowed one of {', '.join(KINDS)}")
+    check_word("follower", kind, KINDS)
     draw = sample_person if kind == "alike" else own_term("person", kind)
     return draw(problem, seed, body)

@@ -182,7 +182,7 @@ def summary_of_run(run: Run) -> dict[str, Any]:
         "person_outside": dict(run.person_outside),
         "person": run.body.as_dict(),
         "follower": run.follower,
-        "hand_force_n": _forces(run.forces),
+        "hand_force_n": hand_forces(run.forces),
         "slips": run.slips,
         "fell_s": _seconds(run.fell),
         "unbalanced_share": run.unbalanced,
@@ -214,7 +214,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
     }
 
 
-def _forces(wrenches: np.ndarray) -> dict[str, float] | None:
+def hand_forces(wrenches: np.ndarray) -> dict[str, float] | None:
     """Return the size of the forces on the hands; None for people without mass."""
     forces = np.linalg.norm(wrenches[:, :3], axis=1)
     forces = forces[np.isfinite(forces)]

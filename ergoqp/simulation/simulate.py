@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import Progress, check_called, check_kind, check_number, sentences, shown
+from ergoqp.arguments import Progress, check_called, check_kind, check_number, check_word, sentences
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 from ergoqp.rest.person_protocol import (
     Holding,
     Person,
@@ -109,7 +109,6 @@ def simulate(
     none = type(None)
     for what, value, kind, allowed in (
         ("person", person, (Person, Body, none), "a Person, a Body or None"),
-        ("follower", follower, (str, none), f"one of {', '.join(KINDS)}, or None"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
         ("senses", senses, (SensorModel, none), "Senses or None"),
         ("recording", recording, (str, Path, none), "the name of a recording or None"),
@@ -119,15 +118,10 @@ def simulate(
         check_number("start_time", start_time, -1e9, 1e9, "s")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
-    model = problem.response
-    if not isinstance(model, IkResponse):
-        raise InputError(
-            f"problem {problem.name}: got a response of type {type(model).__name__}, allowed"
-            " IkResponse"
-        )
+    model = person_of(problem)
     seen = read_observed(observed)
-    if follower is not None and follower not in KINDS:
-        raise InputError(f"follower: got {shown(follower)}, allowed one of {', '.join(KINDS)}")
+    if follower is not None:
+        check_word("follower", follower, KINDS)
     if isinstance(posture, Holding):
         for what, value in (("person", person), ("follower", follower), ("senses", senses)):
             if value is not None:

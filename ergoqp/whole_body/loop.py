@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from ergoqp.rest.best_place import grips_of
-from ergoqp.rest.model_person import ModelPerson, Start
+from ergoqp.rest.model_person import ModelPerson
 from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.whole_body.scene import Scene
@@ -126,8 +125,7 @@ def run_whole_body(
     dt, arm = whole.dt, whole.start.copy()
     ruler = Ruler(whole, person)
     pose = ruler.contact(arm)
-    grasp = np.linalg.solve(pose, grips_of(person, posture))
-    holding = person.holding(Start(posture, pose, grasp, person.stand(posture)), senses)
+    holding = person.holding(person.start_at(posture, pose), senses)
     errors = frames(senses, dt, np.random.default_rng([seed, 2]))
     trace, previous, speeds, age = WholeBodyTrace(), np.zeros(6), np.zeros(len(arm)), 0.0
     measured = posture.copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.loops import power_above
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.geometry import frame_of
 from ergoqp.problem.load import TASKS, load_problem
@@ -12,7 +13,7 @@ from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.rest.model_person import sample_person
 from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import power_above, run_loop, settle_time
+from ergoqp.simulation.loop import run_loop, settle_time
 from ergoqp.simulation.robot import RobotKind, moved
 from ergoqp.step.stepper import Stepper
 

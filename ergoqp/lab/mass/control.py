@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from copy import copy
 from typing import Final, Self
 
@@ -24,7 +23,7 @@ from ergoqp.lab.mass.body import (
     per_joint,
 )
 from ergoqp.lab.mass.planner import PERSON_QPOS, Plan, Planner
-from ergoqp.lab.people.habits import contact_of
+from ergoqp.lab.people.habits import Work
 
 # Columns of the joints that take up the tilt of a pelvis, and the signs of their axes relative
 # to y, x, z.
@@ -250,9 +249,9 @@ def _under(model: mujoco.MjModel, name: str) -> np.ndarray:
     return geom.pos + np.array([[-x, -y, -z], [-x, y, -z], [x, -y, -z], [x, y, -z]])
 
 
-def contact_in(data: mujoco.MjData, hands: Sequence[str], tool: str) -> np.ndarray:
+def contact_in(data: mujoco.MjData, work: Work) -> np.ndarray:
     """Return the contact frame (4, 4) [m] of a person's hands."""
-    return contact_of([site_pose(data, f"{side}_grip") for side in hands], tool)
+    return work.contact([site_pose(data, f"{side}_grip") for side in work.hands])
 
 
 def site_pose(data: mujoco.MjData, name: str) -> np.ndarray:

@@ -100,7 +100,7 @@ _PERIOD: Final = 0.05
 """Period of the simulation while the person is not in a loop [s]."""
 
 
-class MassHolding(Holding):
+class MassHolding(Holding["Mass"]):
     """A person with mass who holds the object, and the robot that holds it too.
 
     Args:
@@ -122,7 +122,7 @@ class MassHolding(Holding):
         senses: SensorModel,
     ) -> None:
         """Take hold of the object, and hold it still for `STILL` seconds."""
-        self._person, self.senses = person, senses
+        self.person, self.senses = person, senses
         self._hands, self._seated = person.traits.wishes.hands, person.traits.wishes.seated
         self.model = copy(person.model)
         self.data = data = mujoco.MjData(self.model)
@@ -130,7 +130,7 @@ class MassHolding(Holding):
         data.qpos[:PERSON_QPOS] = qpos
         data.qpos[-4] = 1.0
         mujoco.mj_kinematics(self.model, data)
-        self._asked = contact_in(data, self._hands, person.traits.work.tool)
+        self._asked = contact_in(data, person.traits.work)
         data.qpos[-7:-4] = self._asked[:3, 3]
         mujoco.mju_mat2Quat(data.qpos[-4:], self._asked[:3, :3].ravel())
         mujoco.mj_forward(self.model, data)
@@ -168,11 +168,6 @@ class MassHolding(Holding):
     def _soles(self) -> np.ndarray:
         """Return the positions of the soles (2, 3) [m]."""
         return np.array([self.data.site(f"{side}_sole").xpos for side in SIDES])
-
-    @property
-    def person(self) -> Person:
-        """The person."""
-        return self._person
 
     @property
     def posture(self) -> np.ndarray:
@@ -299,7 +294,7 @@ class MassHolding(Holding):
         self.force = self._grasp.wrench(data)
         self.slipped = self._grasp.slipped
         self.unbalanced = not self._support.carries(data)
-        self.fallen = has_fallen(data, self._seated, self._person.pelvis_height)
+        self.fallen = has_fallen(data, self._seated, self.person.pelvis_height)
 
 
 _OWN_EFFORT: Final = (0.5, 2.0)
@@ -328,44 +323,6 @@ class Traits:
     senses: SensorModel
     compensation: float
     work: Work
-
-
-def draw_traits(kind: str, problem: Problem, seed: int, body: Body | None = None) -> Traits:
-    """Return a random person for a problem. The same seed gives the same person.
-
-    Body, comfort and senses are drawn as for all kinds. The effort of every joint, the cost of
-    imbalance and the share of gravity that the muscles compensate are drawn for this kind.
-
-    Args:
-        kind: name of the kind.
-        problem: the problem; only its work is used.
-        seed: seed of the person.
-        body: body of the person; None: it is drawn.
-
-    Raises:
-        InputError: if the problem does not describe how the object is held.
-    """
-    bodies, habits, senses = generators(kind, problem.name, seed)
-    work = Work.of(problem)
-    sex, drawn = draw_body(bodies)
-    comfort = draw_habits(work, habits).comfort
-    low, high = np.log(_OWN_EFFORT)
-    factors = np.exp(habits.uniform(low, high, len(JOINTS)))
-    wishes = Wishes(
-        comfort=comfort,
-        efforts=per_joint("effort") * factors,
-        balance=float(habits.uniform(*_BALANCE)),
-        hands=work.hands,
-        seated=work.stance == "seated",
-    )
-    return Traits(
-        body=body or drawn,
-        sex=sex,
-        wishes=wishes,
-        senses=draw_senses(senses),
-        compensation=float(habits.uniform(0.9, 1.0)),
-        work=work,
-    )
 
 
 REACHED: Final = 0.02
@@ -493,9 +450,7 @@ class Mass(Person):
         """Plan, from comfort and not simulated, the posture with the object at `pose` (4, 4)."""
         qpos, soles = self.stand(self.comfort)
         points = self.planner.held(qpos)
-        contact = contact_in(
-            self.planner.look(qpos), self.traits.wishes.hands, self.traits.work.tool
-        )
+        contact = contact_in(self.planner.look(qpos), self.traits.work)
         local = (points - contact[:3, 3]) @ contact[:3, :3]
         there = pose[:3, 3] + local @ pose[:3, :3].T
         plan = self.planner.settle(qpos, there, soles)
@@ -510,7 +465,10 @@ class Mass(Person):
 
 
 def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
-    """Return a person with mass for a problem. The same seed gives the same person.
+    """Return a random person with mass for a problem. The same seed gives the same person.
+
+    Body, comfort and senses are drawn as for all kinds. The effort of every joint, the cost of
+    imbalance and the share of gravity that the muscles compensate are drawn for this kind.
 
     Args:
         problem: only the description of the task by its response is used: hands, stance, tool
@@ -521,4 +479,25 @@ def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
     Raises:
         InputError: if the response of the problem does not describe the task.
     """
-    return Mass(draw_traits(Mass.kind, problem, seed, body))
+    bodies, habits, senses = generators(Mass.kind, problem.name, seed)
+    work = Work.of(problem)
+    sex, drawn = draw_body(bodies)
+    comfort = draw_habits(work, habits).comfort
+    low, high = np.log(_OWN_EFFORT)
+    factors = np.exp(habits.uniform(low, high, len(JOINTS)))
+    wishes = Wishes(
+        comfort=comfort,
+        efforts=per_joint("effort") * factors,
+        balance=float(habits.uniform(*_BALANCE)),
+        hands=work.hands,
+        seated=work.stance == "seated",
+    )
+    traits = Traits(
+        body=body or drawn,
+        sex=sex,
+        wishes=wishes,
+        senses=draw_senses(senses),
+        compensation=float(habits.uniform(0.9, 1.0)),
+        work=work,
+    )
+    return Mass(traits)

@@ -70,14 +70,10 @@ _FAR: Final = 0.10
 """Largest displacement of a hand or a sole in one step [m]."""
 
 _NECK: Final = [6 + i for i, name in enumerate(JOINTS) if name.startswith("neck")]
-_ARMS: Final = {
-    side: [
-        6 + INDEX[name]
-        for name in JOINTS[6:20]
-        if name.startswith(side) and not name.endswith("deviation")
-    ]
-    for side in SIDES
+_ARM_JOINTS: Final = {
+    side: [6 + INDEX[name] for name in JOINTS[6:20] if name.startswith(side)] for side in SIDES
 }
+_WRIST: Final = {side: 6 + INDEX[f"{side}_wrist_deviation"] for side in SIDES}
 # Pelvis, trunk and legs keep the centre of mass over the soles; neck and arms do not.
 _CARRIERS: Final = np.array([i < 9 or i >= 26 for i in range(PERSON_DOFS)])
 
@@ -125,7 +121,8 @@ class Residuals:
 
     def rest_arm(self, side: str, seated: bool) -> None:
         """Add: let a free arm hang from its shoulder or, when seated, lie on its thigh."""
-        arm, wrist = _ARMS[side], self._site(f"{side}_wrist")
+        wrist = self._site(f"{side}_wrist")
+        arm = [joint for joint in _ARM_JOINTS[side] if joint != _WRIST[side]]
         if seated:
             lap = self._data.site_xpos[self._site(f"{side}_lap")]
             error = _capped(lap - self._data.site_xpos[wrist], _FAR)
@@ -217,10 +214,6 @@ _LONGEST: Final = 0.25
 _INSET: Final = np.radians(2.0)
 _LOWEST: Final = LOWER + _INSET
 _HIGHEST: Final = UPPER - _INSET
-_BASE: Final = list(range(6))
-_ARM_JOINTS: Final = {
-    side: [6 + INDEX[name] for name in JOINTS[6:20] if name.startswith(side)] for side in SIDES
-}
 
 
 class Planner:
@@ -276,7 +269,7 @@ class Planner:
                 over = [sole[:2, 3] + self._ahead * sole[:2, 0] for sole in soles]
                 residuals.balance(np.mean(over, axis=0), wishes.balance)
         free = np.ones(PERSON_DOFS, dtype=bool)
-        free[_BASE] = not wishes.seated
+        free[:6] = not wishes.seated
         change = self._solve(residuals, plan.qpos[7:], wishes.comfort, free, plan.damping)
         after = np.zeros(self._model.nq)
         after[:PERSON_QPOS] = plan.qpos

@@ -9,13 +9,12 @@ from typing import Final, Literal
 import mujoco
 import numpy as np
 
-from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.geometry import rotation_vector
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
 
 BASE = 4
 """Number of entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
@@ -45,10 +44,8 @@ class BodyTasks:
         self.size = BASE + len(JOINTS)
         self.lower = np.concatenate([np.full(BASE, -np.inf), LOWER])
         self.upper = np.concatenate([np.full(BASE, np.inf), UPPER])
-        self._balances = np.ones(self.size)
-        for number, joint in enumerate(JOINTS):
-            if any(part in joint for part in _UNMOVED_BY_BALANCE):
-                self._balances[BASE + number] = 0.0
+        helps = [not any(part in joint for part in _UNMOVED_BY_BALANCE) for joint in JOINTS]
+        self._balances = np.concatenate([np.ones(BASE), helps])
 
     def place(self, placement: np.ndarray) -> None:
         """Set the placement (36,). All other methods refer to it."""
@@ -186,12 +183,7 @@ class Work:
         Raises:
             InputError: if its response is not an `IkResponse`.
         """
-        said = problem.response
-        if not isinstance(said, IkResponse):
-            raise InputError(
-                f"simulated person: got a response of type {type(said).__name__}, allowed"
-                " IkResponse"
-            )
+        said = person_of(problem)
         return cls(said.hands, said.stance, said.seat_height, said.tool, said.free_about_tool)
 
     def contact(self, grips: Sequence[np.ndarray]) -> np.ndarray:

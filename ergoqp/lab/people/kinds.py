@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.lab.people.habits import BASE, PersonParameters, Work
-from ergoqp.lab.people.soft import REACHED, SoftBody, SoftHolding, SoftPerson, Wish
+from ergoqp.lab.people.soft import REACHED, SoftHolding, SoftPerson, Wish
 from ergoqp.problem.geometry import pose_error
 from ergoqp.rest.person_protocol import SensorModel
 
@@ -37,19 +37,15 @@ _SETTLED: Final = 0.005
 _MISSES: Final = 5
 """Number of steps with a hand off its target after which the body starts to move."""
 
-_NUMBERED: Final = tuple(enumerate(JOINTS))
-
 
 class DeadZoneHolding(SoftHolding):
     """A person whose trunk and legs stay until the object is far from where they came to rest."""
 
-    def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
-    ) -> None:
-        """Hold the object, with the body at rest."""
-        super().__init__(person, posture, senses, seed)
+    def begin(self) -> None:
+        """Begin with the body at rest."""
         self._settled_at, self._awake, self._in_vain = self.pose, False, 0
-        arms = [number < 20 and joint.startswith(person.work.hands) for number, joint in _NUMBERED]
+        hands = self.person.work.hands
+        arms = [number < 20 and joint.startswith(hands) for number, joint in enumerate(JOINTS)]
         self._arms = np.concatenate([np.zeros(BASE, dtype=bool), arms])
 
     def mobile(self) -> np.ndarray:
@@ -152,11 +148,8 @@ _FIRMLY: Final = 0.01
 class PushedHolding(SoftHolding):
     """A person who is pushed at the shoulders from time to time."""
 
-    def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
-    ) -> None:
-        """Hold the object, and plan the first push."""
-        super().__init__(person, posture, senses, seed)
+    def begin(self) -> None:
+        """Plan the first push."""
         self._pushes = 0
         self._plan(0.0)
 
@@ -222,13 +215,10 @@ _LEANS: Final = {"trunk_flexion": 1.6, "trunk_side_bend": 1.6, "knee_flexion": 0
 class SteppingHolding(SoftHolding):
     """A person whose feet follow the object."""
 
-    def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
-    ) -> None:
-        """Hold the object with both feet on the floor. Its place at ease is relative to them."""
-        super().__init__(person, posture, senses, seed)
-        own = SoftHolding(person, person.comfort, senses)
-        self._at_ease = own.pose[:2, 3]
+    def begin(self) -> None:
+        """Begin with both feet on the floor. The place at ease is relative to them."""
+        person = self.person
+        self._at_ease = SoftHolding(person, person.comfort, self.senses).pose[:2, 3]
         self.feet = np.zeros(2)
         self._home = [sole.copy() for sole in self.soles]
         self._seat = self.placement[:2].copy()
@@ -373,12 +363,9 @@ LOST: Final = 0.05
 class TremblingHolding(SoftHolding):
     """A person whose arms shake while they work. At rest, for the judgement, they do not shake."""
 
-    def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
-    ) -> None:
-        """Hold the object."""
-        super().__init__(person, posture, senses, seed)
-        rng = np.random.default_rng([seed, 32])
+    def begin(self) -> None:
+        """Draw the tremor."""
+        rng = np.random.default_rng([self.seed, 32])
         arms = np.array([joint.startswith(("right", "left")) for joint in JOINTS[:20]])
         self._amplitude = np.append(rng.uniform(*TREMOR, 20) * arms, np.zeros(12))
         self._frequency, self._phase = rng.uniform(*FREQUENCY, 32), rng.uniform(0, 2 * np.pi, 32)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from copy import copy
 from functools import cached_property
 from typing import ClassVar, Self
 
@@ -46,110 +45,6 @@ _PELVIS = np.full(BASE, 0.25)
 
 _STANDS = 40
 """Number of steps in which the legs put the soles flat on the floor."""
-
-
-class SoftBody(Person):
-    """The constant parts of a person with soft tasks: body, work, habits, and how they stand.
-
-    Args:
-        body: lengths and mass.
-        work: how the person works on the object.
-        habits: preferred posture and stiffness.
-        senses: sensors between the person and the controller.
-
-    Attributes:
-        tasks: kinematics of the body at a placement.
-        grips: names of the sites that hold the object.
-        stiffness: stiffness toward ease, per entry of the placement (36,).
-        damping: stiffness times the relaxation time [s].
-        mobile: entries that may move (36,) bool.
-        hanging: numbers of the joints of a hanging arm.
-    """
-
-    kind: ClassVar[str]
-    manner: ClassVar[str]
-
-    def __init__(
-        self, body: Body, work: Work, habits: PersonParameters, senses: SensorModel
-    ) -> None:
-        """Store the parts, and compute stiffness and damping."""
-        self._body, self.work, self.habits, self._senses = body, work, habits, senses
-        self.tasks = BodyTasks(body)
-        self.grips = [f"{hand}_grip" for hand in work.hands]
-        # 1/2 |q - comfort|^2 over spreads. The pelvis has no preferred place, only damping.
-        self.stiffness = np.concatenate([np.zeros(BASE), habits.spread**-2])
-        self.damping = habits.relaxation * np.concatenate([_PELVIS**-2, habits.spread**-2])
-        self.mobile = np.ones(BASE + len(JOINTS), dtype=bool)
-        free_arms = set(SIDES) - set(work.hands)
-        self.hanging = [INDEX[f"{side}_shoulder_flexion"] for side in sorted(free_arms)]
-        if self.is_seated:
-            self.mobile[:BASE] = self.mobile[BASE + 20 :] = False
-            self.hanging = []
-
-    @property
-    def body(self) -> Body:
-        """Body of the person."""
-        return self._body
-
-    @property
-    def comfort(self) -> np.ndarray:
-        """Posture of the person with nothing to reach for (32,) [rad]."""
-        return self.habits.comfort
-
-    @property
-    def senses(self) -> SensorModel:
-        """Sensors between the person and the controller."""
-        return self._senses
-
-    @property
-    def is_seated(self) -> bool:
-        """Whether the person sits."""
-        return self.work.stance == "seated"
-
-    @cached_property
-    def seat(self) -> float:
-        """Height of the hip centres when seated [m]: the problem's, or else that of the legs."""
-        given = self.work.seat_height
-        return self.tasks.leg_height(self.comfort) if given is None else given
-
-    @property
-    def footing(self) -> str:
-        """What supports the person, as a clause for people."""
-        if self.is_seated:
-            return f"the pelvis stays on its seat, {self.seat:.2f} m high"
-        return "the soles stay where they stand"
-
-    def placed(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the placement (36,) of a posture (32,), and the soles (4, 4) each.
-
-        When standing, the soles are flat on the floor. If those of the posture are not, the
-        legs change as little as possible. When seated, the seat has the height of the problem,
-        or the height that the legs need.
-        """
-        tasks = self.tasks
-        if self.is_seated:
-            given = self.work.seat_height
-            seat = tasks.leg_height(posture) if given is None else given
-            placement = tasks.seated(posture, seat)
-            return placement, [tasks.frame(name) for name in SOLES]
-        placement = tasks.standing(posture)
-        soles = [_flat(tasks.frame(name)) for name in SOLES]
-        legs = np.ones(BASE + len(JOINTS), dtype=bool)
-        legs[BASE : BASE + 20] = False
-        wanted = placement.copy()
-        for _ in range(_STANDS):
-            tasks.place(placement)
-            hessian, pull = np.diag(self.stiffness), self.stiffness * (wanted - placement)
-            hessian[range(BASE), range(BASE)] += 1.0
-            for name, sole in zip(SOLES, soles, strict=True):
-                error, moves = tasks.toward(name, sole)
-                moves /= SOLE[:, None]
-                hessian += moves.T @ moves
-                pull += (error / SOLE) @ moves
-            step = tasks.step_within(placement, hessian, pull, legs)
-            placement = placement + step * min(1.0, 0.2 / max(1e-12, float(np.abs(step).max())))
-        tasks.place(placement)
-        return placement, soles
 
 
 def _flat(sole: np.ndarray) -> np.ndarray:
@@ -208,7 +103,7 @@ Wish = tuple[np.ndarray, np.ndarray]
 """Error of a task (n,) and its Jacobian (n, 36), both divided by the allowed deviation."""
 
 
-class SoftHolding(Holding):
+class SoftHolding(Holding["SoftPerson"]):
     """The state of a person with soft tasks who holds the object.
 
     Args:
@@ -219,10 +114,10 @@ class SoftHolding(Holding):
     """
 
     def __init__(
-        self, person: SoftBody, posture: np.ndarray, senses: SensorModel, seed: int = 0
+        self, person: SoftPerson, posture: np.ndarray, senses: SensorModel, seed: int = 0
     ) -> None:
         """Hold the object as in the posture."""
-        self._person, self.senses, self.seed = person, senses, seed
+        self.person, self.senses, self.seed = person, senses, seed
         self.placement, self.soles = person.placed(posture)
         tasks = person.tasks
         grips = [tasks.frame(f"{hand}_grip") for hand in person.work.hands]
@@ -230,11 +125,10 @@ class SoftHolding(Holding):
         self._grasp = [np.linalg.solve(self.pose, grip) for grip in grips]
         self._followed, self._late = self.pose, deque[np.ndarray]()
         self._miss, self._angle, self.time, self._since = 0.0, 0.0, 0.0, 0.0
+        self.begin()
 
-    @property
-    def person(self) -> SoftBody:
-        """The person."""
-        return self._person
+    def begin(self) -> None:
+        """Prepare what people of the kind keep besides."""
 
     @property
     def posture(self) -> np.ndarray:
@@ -317,12 +211,6 @@ class SoftHolding(Holding):
             if self._miss < REACHED and self._angle < REACHED_ANGLE and not self.unbalanced:
                 return True
         return False
-
-    def copy(self) -> Self:
-        """Return an independent copy of the state."""
-        other = copy(self)
-        other._late = self._late.copy()
-        return other
 
     def wishes(self, target: np.ndarray) -> list[Wish]:
         """Return the wishes of the person besides ease, at the present placement of `tasks`.
@@ -422,11 +310,25 @@ class SoftHolding(Holding):
         self._late.clear()
 
 
-class SoftPerson(SoftBody):
+class SoftPerson(Person):
     """A person simulated by whole-body inverse kinematics with soft tasks.
 
     Hands, feet, balance and preferred posture are weighed against each other. To make a kind of
     your own, change `habits_of`, `senses_of` or `holding`.
+
+    Args:
+        body: lengths and mass.
+        work: how the person works on the object.
+        habits: preferred posture and stiffness.
+        senses: sensors between the person and the controller.
+
+    Attributes:
+        tasks: kinematics of the body at a placement.
+        grips: names of the sites that hold the object.
+        stiffness: stiffness toward ease, per entry of the placement (36,).
+        damping: stiffness times the relaxation time [s].
+        mobile: entries that may move (36,) bool.
+        hanging: numbers of the joints of a hanging arm.
 
     Example:
         >>> import ergoqp
@@ -445,6 +347,89 @@ class SoftPerson(SoftBody):
 
     holding: ClassVar[type[SoftHolding]] = SoftHolding
     """Class of the state of people of this kind."""
+
+    def __init__(
+        self, body: Body, work: Work, habits: PersonParameters, senses: SensorModel
+    ) -> None:
+        """Store the parts, and compute stiffness and damping."""
+        self._body, self.work, self.habits, self._senses = body, work, habits, senses
+        self.tasks = BodyTasks(body)
+        self.grips = [f"{hand}_grip" for hand in work.hands]
+        # 1/2 |q - comfort|^2 over spreads. The pelvis has no preferred place, only damping.
+        self.stiffness = np.concatenate([np.zeros(BASE), habits.spread**-2])
+        self.damping = habits.relaxation * np.concatenate([_PELVIS**-2, habits.spread**-2])
+        self.mobile = np.ones(BASE + len(JOINTS), dtype=bool)
+        free_arms = set(SIDES) - set(work.hands)
+        self.hanging = [INDEX[f"{side}_shoulder_flexion"] for side in sorted(free_arms)]
+        if self.is_seated:
+            self.mobile[:BASE] = self.mobile[BASE + 20 :] = False
+            self.hanging = []
+
+    @property
+    def body(self) -> Body:
+        """Body of the person."""
+        return self._body
+
+    @property
+    def comfort(self) -> np.ndarray:
+        """Posture of the person with nothing to reach for (32,) [rad]."""
+        return self.habits.comfort
+
+    @property
+    def senses(self) -> SensorModel:
+        """Sensors between the person and the controller."""
+        return self._senses
+
+    @property
+    def is_seated(self) -> bool:
+        """Whether the person sits."""
+        return self.work.stance == "seated"
+
+    @cached_property
+    def seat(self) -> float:
+        """Height of the hip centres when seated [m]: the problem's, or else that of the legs."""
+        return self._seat_for(self.comfort)
+
+    def _seat_for(self, posture: np.ndarray) -> float:
+        given = self.work.seat_height
+        return self.tasks.leg_height(posture) if given is None else given
+
+    @property
+    def footing(self) -> str:
+        """What supports the person, as a clause for people."""
+        if self.is_seated:
+            return f"the pelvis stays on its seat, {self.seat:.2f} m high"
+        return "the soles stay where they stand"
+
+    def placed(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return the placement (36,) of a posture (32,), and the soles (4, 4) each.
+
+        When standing, the soles are flat on the floor. If those of the posture are not, the
+        legs change as little as possible. When seated, the seat has the height of the problem,
+        or the height that the legs need.
+        """
+        tasks = self.tasks
+        if self.is_seated:
+            placement = tasks.seated(posture, self._seat_for(posture))
+            return placement, [tasks.frame(name) for name in SOLES]
+        placement = tasks.standing(posture)
+        soles = [_flat(tasks.frame(name)) for name in SOLES]
+        legs = np.ones(BASE + len(JOINTS), dtype=bool)
+        legs[BASE : BASE + 20] = False
+        wanted = placement.copy()
+        for _ in range(_STANDS):
+            tasks.place(placement)
+            hessian, pull = np.diag(self.stiffness), self.stiffness * (wanted - placement)
+            hessian[range(BASE), range(BASE)] += 1.0
+            for name, sole in zip(SOLES, soles, strict=True):
+                error, moves = tasks.toward(name, sole)
+                moves /= SOLE[:, None]
+                hessian += moves.T @ moves
+                pull += (error / SOLE) @ moves
+            step = tasks.step_within(placement, hessian, pull, legs)
+            placement = placement + step * min(1.0, 0.2 / max(1e-12, float(np.abs(step).max())))
+        tasks.place(placement)
+        return placement, soles
 
     @classmethod
     def drawn(cls, problem: Problem, seed: int, body: Body | None = None) -> Self:

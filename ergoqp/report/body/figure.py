@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -23,13 +22,8 @@ _VIEW_DEG: Final = 35.0  # from the right side towards the front
 _OWN_COLOUR: Final = "#4b4f57"  # hair and shoes
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
-    """A capsule in the world: axis ends (2, 3) [m], radius [m] and nearness to the viewer [m]."""
-
-    ends: NDArray[np.float64]
-    radius: float
-    depth: float
+_Shape = tuple[NDArray[np.float64], float, float]
+"""A capsule in the world: axis ends (2, 3) [m], radius [m] and nearness to the viewer [m]."""
 
 
 class Drawing:
@@ -76,12 +70,9 @@ class Drawing:
             level = int(palette.level_of_points(segments.get(part.segment or "", 0)))
             colour = _OWN_COLOUR if part.segment is None else palette.colour_of_level(level)
             ends = np.stack([centre - half * axis, centre + half * axis])
-            self._groups.setdefault((part.owner, colour), []).append(
-                _Shape(ends, radius, float(centre @ towards))
-            )
-        everything = np.concatenate(
-            [shape.ends for group in self._groups.values() for shape in group]
-        )
+            shape = ends, radius, float(centre @ towards)
+            self._groups.setdefault((part.owner, colour), []).append(shape)
+        everything = np.concatenate([ends for group in self._groups.values() for ends, *_ in group])
         if contact is not None:
             everything = np.concatenate([everything, contact[None, :3, 3]])
         self.horizontal = self._ends(everything @ self._across)
@@ -103,14 +94,14 @@ class Drawing:
         # Shapes of one body and colour share one outline, so that the trunk is not cut into
         # rings.
         for (_, colour), group in sorted(
-            self._groups.items(), key=lambda item: max(shape.depth for shape in item[1])
+            self._groups.items(), key=lambda item: max(depth for *_, depth in item[1])
         ):
             lines = []
-            for shape in group:
-                (x1, y1), (x2, y2) = at(shape.ends[0]), at(shape.ends[1])
+            for ends, radius, _ in group:
+                (x1, y1), (x2, y2) = map(at, ends)
                 # In some browsers a line of zero length has no round ends.
                 line = {"x1": x1, "y1": y1, "x2": x2 + 0.01, "y2": y2, "stroke_linecap": "round"}
-                lines.append((line, 2 * shape.radius * scale))
+                lines.append((line, 2 * radius * scale))
             drawn += [
                 svg.element("line", **line, stroke_width=width + 2, class_="outline")
                 for line, width in lines

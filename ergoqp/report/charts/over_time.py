@@ -66,7 +66,7 @@ def score_chart(
         y_ticks=range(1, highest + 1),
         width=width,
     )
-    starts = [*palette.level_starts(), highest + 1]
+    starts = [*palette.LEVEL_STARTS, highest + 1]
     for level, (low, high) in enumerate(pairwise(starts)):
         if low <= highest:
             plot.shade(
