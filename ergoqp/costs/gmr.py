@@ -5,7 +5,7 @@ There are two variants: equations 2.4 to 2.8 of the EPFL report, or one mixture 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 import casadi as ca
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import (
     LARGEST_SEED,
+    Progress,
     check_kind,
     check_number,
     check_whole,
     check_word,
     numbers_of,
+    unseen,
 )
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
@@ -243,7 +245,7 @@ def bic_curve(
     *,
     covariance: Covariance = "full",
     regularisation: float = 1e-3,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = unseen,
 ) -> NDArray[np.float64]:
     """Return the Bayesian information criterion of joint mixtures over (inputs, score).
 
@@ -271,8 +273,7 @@ def bic_curve(
     for count, done in zip(counts, work, strict=True):
         found = estimate(columns, count, seed, covariance, regularisation, "kmeans")
         values.append(found.bic(columns))
-        if progress is not None:
-            progress(float(done / work[-1]))
+        progress(float(done / work[-1]))
     return np.array(values)
 
 

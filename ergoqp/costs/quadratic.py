@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ergoqp.arguments import check_kind
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
-from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.errors import ModelError
 
 
 class Quadratic(LearnedCost):
@@ -74,15 +74,12 @@ class Quadratic(LearnedCost):
 
         Raises:
             ModelError: if there are too few points, or all labels are the same.
-            MissingExtraError: if scipy is not installed.
         """
+        from scipy.optimize import lsq_linear
+
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         width = data.points.shape[1]
         data.require(3 * width, "quadratic")
-        try:
-            from scipy.optimize import lsq_linear
-        except ImportError:
-            raise MissingExtraError("fitting a quadratic cost", "learn", "scipy") from None
         # Standardised inputs give columns of similar size.
         centre, still = data.points.mean(axis=0), np.ptp(data.points, axis=0) == 0
         spread = np.where(still, 1.0, data.points.std(axis=0))

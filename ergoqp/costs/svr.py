@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal, Protocol, Self, TypeVar, get_args, runtime_checkable
+from typing import Any, Final, Literal, Self, TypeVar, get_args
 
 import casadi as ca
 import numpy as np
@@ -79,10 +79,6 @@ class Reduction:
     largest: float
     points: int
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the numbers by name."""
-        return asdict(self)
-
     def __str__(self) -> str:
         """Return the difference as one line."""
         return (
@@ -97,26 +93,31 @@ def read_reduction(settings: Settings) -> Reduction | None:
     return None if found is None else Reduction(**found)
 
 
-@runtime_checkable
-class KernelCost(Protocol):
-    """A cost that is one sum of kernels of some features.
+class KernelCost(LearnedCost):
+    """A cost that may be one sum of kernels of some features.
 
     Attributes:
-        model: the sum.
+        model: the sum, or another model.
+        reduction: how a reduced set of kernels differs from the full one; None for a full set.
     """
 
-    @property
-    def model(self) -> Any:
-        """The sum of kernels."""
-        ...
+    model: Any
+    reduction: Reduction | None
 
     def seen(self, points: Array) -> Array:
-        """Return the features (n, m) of inputs (n, d) that the kernels use."""
-        ...
+        """Return the features (n, m) of inputs (n, d) that the model uses: the inputs."""
+        return points
+
+    def predict(self, points: Array) -> Array:
+        """Return V (n,) of inputs (n, d)."""
+        return self.model.values(self.seen(points))
 
     def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
-        """Return the same cost with another sum."""
-        ...
+        """Return the same cost with another sum of kernels."""
+        (settings, arrays), (kernels, centres) = self.parts(), model.parts()
+        settings |= {**kernels, "reduction": asdict(reduction)}
+        names = self.coordinates.names
+        return self.from_parts(settings, arrays | centres, names, self.minimum)
 
 
 Kind = TypeVar("Kind", bound=KernelCost)
@@ -143,7 +144,7 @@ def reduced(
             there are too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
-    full = cost.model if isinstance(cost, KernelCost) else None
+    full = getattr(cost, "model", None)
     if not isinstance(full, KernelSum):
         raise ModelError(
             f"reduce: got a {type(cost).__name__}, allowed a cost that is a sum of kernels"
@@ -228,7 +229,7 @@ _CACHE_MB: Final = 500
 """Memory that the fit may use for kernel values [MB]."""
 
 
-class Svr(LearnedCost):
+class Svr(KernelCost):
     """V(q) by support vector regression with radial kernels.
 
     Attributes:
@@ -358,14 +359,6 @@ class Svr(LearnedCost):
         """Return the features (n, m) of inputs (n, d)."""
         return self.features.values(points)
 
-    def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
-        """Return the same cost with another sum of kernels."""
-        return type(self)(self.features, model, self.coordinates.names, self.minimum, reduction)
-
-    def predict(self, points: Array) -> Array:
-        """Return V (n,) of inputs (n, d)."""
-        return self.model.values(self.seen(points))
-
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, an expression of the inputs (d,)."""
         return self.model.expression(self.features.expression(x))
@@ -379,14 +372,14 @@ class Svr(LearnedCost):
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression: the slope of the kernels, through the features."""
         seen = self.features.expression(x)
-        return ca.jtimes(seen, x, self.model.slope(seen), True)
+        return ca.jtimes(seen, x, self.model.value_and_slope(seen)[1], True)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         settings, arrays = self.model.parts()
         of_features, more = self.features.parts()
         settings["features"] = of_features
-        settings["reduction"] = None if self.reduction is None else self.reduction.as_dict()
+        settings["reduction"] = self.reduction and asdict(self.reduction)
         return settings, arrays | more
 
     @classmethod
@@ -431,9 +424,9 @@ def _metric(
         spread = seen.std(axis=0)
         part = part_of(progress, (number - 1) / len(candidates), number / len(candidates))
         unit = (seen - seen.mean(axis=0)) / spread
-        found = relevance(unit, data.labels, seed, progress=part)
-        kept = found.slopes >= min(_SILENT * data.labels.std(), found.slopes.max())
-        if found.cost < lowest:
-            best, lowest = features.part(np.flatnonzero(kept).tolist()), found.cost
-            scale = (spread / np.sqrt(found.factors))[kept]
+        factors, slopes, cost = relevance(unit, data.labels, seed, progress=part)
+        kept = slopes >= min(_SILENT * data.labels.std(), slopes.max())
+        if cost < lowest:
+            best, lowest = features.part(np.flatnonzero(kept).tolist()), cost
+            scale = (spread / np.sqrt(factors))[kept]
     return best, scale

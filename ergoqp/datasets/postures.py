@@ -13,14 +13,14 @@ of the sheet, or those of the EPFL report's simplified rules.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import check_whole
+from ergoqp.arguments import Progress, are_shares, check_whole, unseen
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.datasets.data import DataSet, cached_data
 from ergoqp.errors import InputError
@@ -302,7 +302,7 @@ def posture_data(
     joints: Sequence[str] = REPORT_JOINTS,
     scores: Sequence[int] = range(1, 11),
     cache: bool = True,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = unseen,
     method: Method | None = None,
     **task: Unpack[TaskOptions],
 ) -> DataSet:
@@ -351,8 +351,7 @@ def posture_data(
             postures, drawn = sampler.draw(min(per_block, per_score - first), rng, scores)
             points.append(postures[:, coordinates.indices])
             found.append(drawn)
-            if progress is not None:
-                progress(min(1.0, (first + per_block) / per_score))
+            progress(min(1.0, (first + per_block) / per_score))
         wanted = f"{per_score} postures of each score {', '.join(map(str, scores))}"
         options = "".join(f", {name} {value}" for name, value in task.items())
         source = f"{labels}: {wanted}, {len(coordinates)} joints, seed {seed}{options}"
@@ -364,8 +363,7 @@ def posture_data(
     asked = {"version": _VERSION, "rules": rules, "per_score": per_score, "seed": seed}
     asked |= {"scores": list(scores), "joints": coordinates.names, "task": task}
     data = cached_data("postures", asked, make)
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     return data
 
 
@@ -469,11 +467,7 @@ def posture_stream(
     taus, shares = np.asarray(taus_deg, dtype=float), np.asarray(weights, dtype=float)
     if taus.ndim != 1 or not (np.isfinite(taus) & (taus >= 0)).all():
         raise InputError(f"taus_deg: got {taus_deg!r}, allowed scales of 0 deg or more")
-    if (
-        shares.shape != taus.shape
-        or not (shares >= 0).all()
-        or (taus.size and not np.isclose(shares.sum(), 1))
-    ):
+    if shares.shape != taus.shape or (taus.size and not are_shares(shares, taus.size)):
         raise InputError(
             f"weights: got {weights!r}, allowed one per tau ({taus.size}), not negative, adding up"
             " to 1"

@@ -344,13 +344,17 @@ def hanging(trunk: ca.SX, side: str, ease: ca.SX) -> ca.SX:
     # The arm turns with the trunk about the vertical, and does not lean with it.
     forward, sideways, twist = trunk[0], trunk[1], trunk[2]
     down = (
-        _about(2, -twist) @ _about(0, sideways) @ _about(1, -forward) @ _about(2, twist) @ upright
+        turn_about(2, -twist)
+        @ turn_about(0, sideways)
+        @ turn_about(1, -forward)
+        @ turn_about(2, twist)
+        @ upright
     )
     across = ca.fmax(ca.fmin(aside * down[1], _NEARLY), -_NEARLY)
     return ca.vertcat(ca.atan2(down[0], -down[2]), ca.asin(across))
 
 
-def _about(axis: int, angle: ca.SX) -> ca.SX:
+def turn_about(axis: int, angle: ca.SX) -> ca.SX:
     """Return the rotation (3, 3) by an angle [rad] about axis 0, 1 or 2."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rotation = ca.SX.eye(3)
