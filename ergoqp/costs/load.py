@@ -132,14 +132,10 @@ def spearman(first: NDArray, second: NDArray) -> float:
 
     Ties get their mean rank. A constant sequence gives 0.
     """
-    ranks = []
-    for values in (first, second):
-        _, group, size = np.unique(values, return_inverse=True, return_counts=True)
-        if len(size) == 1:
-            return 0.0
-        last = np.cumsum(size)
-        ranks.append((last - (size - 1) / 2)[group])
-    return float(np.corrcoef(*ranks)[0, 1])
+    from scipy.stats import rankdata
+
+    ranks = [rankdata(values) for values in (first, second)]
+    return float(np.corrcoef(*ranks)[0, 1]) if all(map(np.ptp, ranks)) else 0.0
 
 
 def cross_validate(

@@ -137,6 +137,7 @@ class Body:
             # Show few digits in the message: a stature from measured lengths has many.
             check_number("stature", round(self.stature, 3), low, high, "m")
         check_number("stature", self.stature, low, high, "m")
+        object.__setattr__(self, "stature", float(self.stature))
         check_kind("segment lengths", self.lengths, Mapping, _LENGTHS)
         if unknown := [name for name in self.lengths if name not in FRACTIONS]:
             raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
@@ -154,14 +155,14 @@ class Body:
         check_real("mass", self.mass, "kilograms")
         mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
         check_number("mass", mass, *MASS_RANGE, "kg")
-        object.__setattr__(self, "mass", mass)
+        object.__setattr__(self, "mass", float(mass))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the body as plain numbers, for files."""
         return {
-            "stature_m": float(self.stature),
-            "mass_kg": float(self.mass),
-            "lengths_m": {name: float(length) for name, length in self.lengths.items()},
+            "stature_m": self.stature,
+            "mass_kg": self.mass,
+            "lengths_m": dict(self.lengths),
         }
 
     @classmethod

@@ -94,6 +94,14 @@ class QpSolver(abc.ABC):
         return _KEPT.setdefault((id(self), n, m), made).expression()
 
 
+Shapes = tuple[tuple[int, int], ...]
+
+
+def shapes_of(n: int, m: int) -> tuple[Shapes, Shapes]:
+    """Return the shapes of the inputs and outputs of a solver in the step."""
+    return ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1)), ((n, 1), (m, 1), (n, 1))
+
+
 def passing_on(call: Callable[[], object]) -> Callable[[], None]:
     """Return a call of a function with solvers in Python that passes on interrupts.
 
@@ -136,8 +144,7 @@ class NumericFunction(ca.Callback):
         """Register the function with CasADi."""
         ca.Callback.__init__(self)
         self._answer = answer
-        self._in = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1))
-        self._out = ((n, 1), (m, 1), (n, 1))
+        self._in, self._out = shapes_of(n, m)
         self.construct(name, {})
 
     def expression(self) -> ca.Function:

@@ -65,7 +65,7 @@ NULL_WEIGHT = 1e-3
 
 
 class _OfMoment:
-    """A part of the QP that reads the data of the present step, see `at_moment`."""
+    """A part of the QP that reads the data of the present step."""
 
     now: Moment
 
@@ -203,12 +203,6 @@ def fixed_axes(now: Moment) -> np.ndarray:
     return np.flatnonzero(now.high - now.low < 1e-12)
 
 
-def at_moment(parts: list[Any], moment: Moment) -> None:
-    """Set the data of the step in all tasks and limits."""
-    for part in parts:
-        part.now = moment
-
-
 class _MomentLimit(_OfMoment, mink.Limit):
     """A limit that reads the data of the present step."""
 
@@ -343,7 +337,8 @@ class Formulation:
             tasks.append(self._ergonomic)
             limits.append(self.rows)
             constraints.append(self._held)
-        at_moment([*tasks, *limits, self._held], moment)
+        for part in (*tasks, *limits, self._held):
+            part.now = moment
         rows = {"limits": limits, "constraints": constraints}
         return mink.build_ik(self.configuration, tasks, moment.dt, damping=0.0, **rows)
 

@@ -1,7 +1,6 @@
 """The quadratic cost: what least squares gives, convex, and the same in numbers, expression and
 file."""
 
-
 import casadi as ca
 import numpy as np
 import pytest
