@@ -115,9 +115,23 @@ class Coordinates:
             )
         return rows[:, self.indices]
 
+    def rows(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return inputs (n, d), or (d,) for one, as an array (n, d).
+
+        Raises:
+            InputError: if the shape is wrong.
+        """
+        rows = np.atleast_2d(np.asarray(points, dtype=float))
+        if rows.ndim != 2 or rows.shape[1] != len(self):
+            raise InputError(
+                f"points: got shape {np.shape(points)}, allowed (n, {len(self)}):"
+                f" {', '.join(self.names)}"
+            )
+        return rows
+
     def spread(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return states (n, N) from inputs (n, d). All other entries are zero."""
-        rows = np.atleast_2d(np.asarray(points, dtype=float))
+        rows = self.rows(points)
         states = np.zeros((len(rows), len(self.state)))
         states[:, self.indices] = rows
         return states

@@ -138,8 +138,20 @@ class BalancedSampler:
         self._lower, self._upper = np.where(drawn, lower, 0.0), np.where(drawn, upper, 0.0)
         parts = [(segment, "") for segment in sheet.of_table("A")]
         parts += [(segment, side) for side in SIDES for segment in sheet.of_table("B")]
-        bands = [_bands(segment, side, task, self._lower, self._upper) for segment, side in parts]
-        self._law = _law(sheet, bands, task, arms, final_max)
+        self._bands = [_bands(each, side, task, self._lower, self._upper) for each, side in parts]
+        # All combinations of segment scores: their probabilities and final scores.
+        counts = [bands.count for bands in self._bands]
+        grid = np.meshgrid(*(np.arange(1, len(c), dtype=np.int8) for c in counts), indexing="ij")
+        cells = [axis.ravel() for axis in grid]
+        shares = [(c / c.sum())[score] for c, score in zip(counts, cells, strict=True)]
+        self._scores, self._chance = np.stack(cells, axis=1), np.prod(shares, axis=0)
+        a, right, left = cells[:3], cells[3:6], cells[6:]
+        if arms == "whole":
+            table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
+        else:
+            table_b = look_up(sheet, "B", *map(np.maximum, right, left))
+        table_a = look_up(sheet, "A", *a)
+        self._final = score_final(sheet, table_a, table_b, task.points, final_max)
 
     def draw(
         self, per_score: int, rng: np.random.Generator, scores: Sequence[int] = range(1, 11)
@@ -163,13 +175,25 @@ class BalancedSampler:
         if not len(scores):
             raise InputError("scores: got none, allowed: one or more final scores")
         labels = np.repeat(np.asarray(scores, dtype=np.int64), per_score)
-        cells = np.concatenate(
-            [self._law.draw_cells(int(score), per_score, rng) for score in scores]
-        )
+        cells = np.concatenate([self._cells(int(score), per_score, rng) for score in scores])
         order = rng.permutation(len(labels))
         postures = rng.uniform(self._lower, self._upper, (len(labels), len(JOINTS)))
-        self._law.draw_angles(cells[order], postures, rng)
+        for bands, score in zip(self._bands, self._scores[cells[order]].T, strict=True):
+            pick = bands.first[score] + rng.integers(bands.count[score])
+            postures[:, bands.joints] = rng.uniform(bands.low[pick], bands.high[pick])
         return postures, labels[order]
+
+    def _cells(self, score: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Draw combinations of one final score, by their probabilities."""
+        cells = np.flatnonzero((self._final == score) & (self._chance > 0))
+        if not len(cells):
+            reachable = sorted(set(self._final[self._chance > 0].tolist()))
+            known = ", ".join(map(str, reachable))
+            raise InputError(f"scores: got {score}, allowed under these options: {known}")
+        cumulative = np.cumsum(self._chance[cells])
+        return cells[
+            np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,64 +213,6 @@ class _Bands:
     high: NDArray[np.float64]
     first: NDArray[np.int64]
     count: NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class _Law:
-    """The probabilities of the drawn bands: a table of all combinations of segment scores.
-
-    Attributes:
-        bands: bands per segment and side.
-        scores: segment scores of each cell, shape (cells, segments and sides).
-        chance: probability of each cell.
-        final: final score of each cell.
-    """
-
-    bands: list[_Bands]
-    scores: NDArray[np.int8]
-    chance: NDArray[np.float64]
-    final: NDArray[np.int8]
-
-    def draw_cells(self, score: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Draw cells of one final score, by their probabilities."""
-        cells = np.flatnonzero((self.final == score) & (self.chance > 0))
-        if not len(cells):
-            reachable = sorted(set(self.final[self.chance > 0].tolist()))
-            known = ", ".join(map(str, reachable))
-            raise InputError(f"scores: got {score}, allowed under these options: {known}")
-        cumulative = np.cumsum(self.chance[cells])
-        return cells[
-            np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")
-        ]
-
-    def draw_angles(
-        self, cells: NDArray[np.int64], postures: NDArray[np.float64], rng: np.random.Generator
-    ) -> None:
-        """Draw the scoring joints of postures (n, 32), each in its cell [rad]."""
-        for bands, score in zip(self.bands, self.scores[cells].T, strict=True):
-            pick = bands.first[score] + rng.integers(bands.count[score])
-            postures[:, bands.joints] = rng.uniform(bands.low[pick], bands.high[pick])
-
-
-def _law(
-    sheet: Sheet,
-    bands: list[_Bands],
-    task: Task,
-    arms: Literal["whole", "segments"],
-    final_max: int,
-) -> _Law:
-    marginals = [b.count / b.count.sum() for b in bands]
-    grid = np.meshgrid(*(np.arange(1, len(b.count), dtype=np.int8) for b in bands), indexing="ij")
-    scores = [axis.ravel() for axis in grid]
-    pairs = zip(marginals, scores, strict=True)
-    chance = np.prod([marginal[score] for marginal, score in pairs], axis=0)
-    a, right, left = scores[:3], scores[3:6], scores[6:]
-    if arms == "whole":
-        table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
-    else:
-        table_b = look_up(sheet, "B", *map(np.maximum, right, left))
-    final = score_final(sheet, look_up(sheet, "A", *a), table_b, task.points, final_max)
-    return _Law(bands, np.stack(scores, axis=1), chance, final)
 
 
 def _bands(
@@ -389,17 +355,7 @@ def interval_labels(points: ArrayLike, joints: Sequence[str] = REPORT_JOINTS) ->
         >>> interval_labels(np.zeros((2, 20))).tolist()
         [1, 1]
     """
-    return score_interval(_spread(points, joints))
-
-
-def _spread(points: ArrayLike, joints: Sequence[str]) -> NDArray[np.float64]:
-    coordinates, rows = Coordinates(joints), np.atleast_2d(np.asarray(points, dtype=float))
-    if rows.ndim != 2 or rows.shape[1] != len(coordinates):
-        raise InputError(
-            f"points: got shape {rows.shape}, allowed (n, {len(coordinates)}):"
-            f" {', '.join(coordinates.names)}"
-        )
-    return coordinates.spread(rows)
+    return score_interval(Coordinates(joints).spread(points))
 
 
 def _sampler(

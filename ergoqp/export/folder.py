@@ -14,6 +14,7 @@ from ergoqp._version import __version__
 from ergoqp.arguments import path_of, read_array
 from ergoqp.errors import InputError
 from ergoqp.export.layout import (
+    defines,
     header,
     input_fields,
     memory_header,
@@ -216,10 +217,6 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
 
 def stepper_bytes(problem: Problem, memory: str) -> int:
     """Return an upper bound of the size of an ``ergoqp_stepper`` [bytes] from its memory header."""
-    found = {
-        words[1]: int(words[2])
-        for words in map(str.split, memory.splitlines())
-        if len(words) == 3 and words[2].isdigit()
-    }
+    found = defines(memory)
     kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
     return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2 + 18 * ("ERGOQP_TRIAL" in found))

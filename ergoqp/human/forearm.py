@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS
 from ergoqp.sheets.assessment import read_postures
@@ -184,24 +183,6 @@ def forearm_points(postures: ArrayLike, body: Body | None = None) -> Array:
     body = body or Body()
     function = _forward(body.stature, tuple(body.lengths.items()))
     return np.array(function.map(len(rows))(rows.T)).T
-
-
-def read_points(points: ArrayLike) -> Array:
-    """Return points as an array (n, 6).
-
-    Args:
-        points: elbow and wrist in the pelvis frame, shape (n, 6) or (6,) [m].
-
-    Raises:
-        InputError: if the shape is wrong.
-    """
-    rows = np.atleast_2d(np.asarray(points, dtype=float))
-    if rows.ndim != 2 or rows.shape[1] != len(FOREARM):
-        raise InputError(
-            f"points: got shape {np.shape(points)}, allowed (n, {len(FOREARM)}):"
-            f" {', '.join(FOREARM)}"
-        )
-    return rows
 
 
 @lru_cache(maxsize=8)

@@ -186,7 +186,7 @@ class NativeDaqp(Daqp):
             f"{name}.c": sizes_source([(n, m)], described=True),
             "qp_daqp.h": c_text("qp_daqp.h"),
         }
-        return _loaded(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+        return _loaded(name, sources)
 
 
 def qp_name(n: int, m: int) -> str:
@@ -310,10 +310,11 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
         "inline.h": c_text("inline.h"),
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
-    return _loaded(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+    return _loaded(name, sources)
 
 
-def _loaded(name: str, library: Path) -> ca.Function:
+def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
+    library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
     try:
         return ca.external(name, str(library))
     except RuntimeError as error:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 
+from ergoqp.expressions import pose_matrix
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
@@ -20,7 +21,6 @@ from ergoqp.responses.stance_and_gaze import (
     contact_frame,
     gaze,
     hanging,
-    pose_matrix,
     swinging,
     turn_about,
 )

@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions import spd_inverse
+from ergoqp.expressions import pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
@@ -35,7 +35,6 @@ from ergoqp.responses.stance_and_gaze import (
     contact_frame,
     gaze,
     hanging,
-    pose_matrix,
     seat_in_words,
     seated,
     standing,

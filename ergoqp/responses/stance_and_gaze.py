@@ -223,11 +223,6 @@ def carried_to(offset: ca.SX) -> ca.SX:
     return carried
 
 
-def pose_matrix(position: ca.SX, rotation: ca.SX) -> ca.SX:
-    """Return the pose (4, 4) of a frame."""
-    return ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-
-
 def _unit(vector: ca.SX) -> ca.SX:
     return vector / ca.sqrt(ca.sumsqr(vector) + 1e-12)
 

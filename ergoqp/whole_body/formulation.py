@@ -19,23 +19,21 @@ from mink.tasks import BaseTask
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer import Step
-from ergoqp.whole_body.robot import Robot
 from ergoqp.whole_body.scene import ModelColumns, Scene
 from ergoqp.whole_body.state import SAME, Moment
 
 _AT = 1e-7
 
 
-def held_back(robot: Robot, scene: Scene, moment: Moment, velocities: np.ndarray) -> str:
+def held_back(scene: Scene, moment: Moment, velocities: np.ndarray) -> str:
     """Return the names of the active limits of the robot and of the active distances.
 
     Args:
-        robot: robot with the limits.
         scene: scene of person, robot and object.
         moment: data of the step.
         velocities: the answer, of person and arm together (nv,) [rad/s].
     """
-    arm = velocities[scene.arm]
+    robot, arm = scene.robot, velocities[scene.arm]
     active = (arm > moment.arm_high - _AT) | (arm < moment.arm_low + _AT)
     at_rate = np.abs(arm) > robot.velocity - _AT
     at_change = np.abs(arm - moment.arm_speed) > robot.acceleration * moment.dt - _AT
@@ -364,64 +362,59 @@ def _holds(problem: qpsolvers.Problem, x: np.ndarray, dt: float) -> bool:
     return beyond <= _KEPT * dt
 
 
-class Ladder:
-    """The QPs of a step in order; each is used if the one before has no answer.
+def solve_ladder(
+    problem: Problem, formulation: Formulation, object_step: Step, moment: Moment, done: np.ndarray
+) -> tuple[np.ndarray, str, str]:
+    """Try the QPs of a step in order; each is used if the one before has no answer.
+
+    They lead from the whole QP to the separate stop of every joint. In between are the robot's
+    limits with the speed limit of the object, and without it.
 
     Args:
         problem: the task.
-        robot: the arm.
         formulation: formulation of the QPs.
+        object_step: the object's own step.
+        moment: data of this step; its objective and bounds change on the way.
+        done: twist of the object in the last period (6,) [m/s, rad/s].
+
+    Returns:
+        Speeds of the arm's joints (k,) [rad/s], status, and cause in words.
     """
-
-    def __init__(self, problem: Problem, robot: Robot, formulation: Formulation) -> None:
-        """Keep the arguments."""
-        self._problem, self._robot, self._formulation = problem, robot, formulation
-
-    def solve(
-        self, object_step: Step, moment: Moment, done: np.ndarray
-    ) -> tuple[np.ndarray, str, str]:
-        """Try the QPs in order, from the whole QP to the separate stop of every joint.
-
-        In between are the robot's limits with the speed limit of the object, and without it.
-        """
-        formulation, scene, robot = self._formulation, self._formulation.scene, self._robot
-        arm = scene.arm
-        whole = (
-            object_step.status in ("optimal", "relaxed", "recovering")
-            and object_step.residuals["accepted"] == 1.0
-        )
-        if whole:
-            solved = formulation.solve(moment, follow=True)
-            if solved is not None:
-                twist = moment.jacobian @ solved[arm] - moment.offset
-                if np.abs(twist - object_step.twist).max() < SAME:
-                    return solved[arm], object_step.status, ""
-                names = held_back(robot, scene, moment, solved)
-                return solved[arm], "slower", f"held back by {names}"
-        # The object brakes, rests, or cannot keep all rows. The robot follows it as closely as
-        # possible.
-        wanted = object_step.twist if not whole else self._braking(done)
-        control = self._problem.control
-        effort = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
-        moment.H, moment.g = effort, -effort @ wanted
-        for bound in (self._problem.twist_limit.speed, np.full(6, FREE)):
-            moment.low, moment.high = -bound, bound
-            if (solved := formulation.solve(moment, follow=False)) is None:
-                continue
+    scene, limit = formulation.scene, problem.twist_limit
+    arm = scene.arm
+    whole = (
+        object_step.status in ("optimal", "relaxed", "recovering")
+        and object_step.residuals["accepted"] == 1.0
+    )
+    if whole:
+        solved = formulation.solve(moment, follow=True)
+        if solved is not None:
             twist = moment.jacobian @ solved[arm] - moment.offset
-            if not whole and np.abs(twist - wanted).max() < SAME:
+            if np.abs(twist - object_step.twist).max() < SAME:
                 return solved[arm], object_step.status, ""
-            names = held_back(robot, scene, moment, solved)
-            if whole:
-                return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
-            stops = object_step.status in ("braking", "invalid")
-            return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
-        stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
-        status = "invalid" if object_step.status == "invalid" else "braking"
-        why = "every joint of the robot stops by itself: the distance cannot be kept otherwise"
-        return stop, status, why
-
-    def _braking(self, previous: np.ndarray) -> np.ndarray:
-        """Return the object's next braking twist, with its full deceleration."""
-        stop = float(np.max(np.abs(previous) / self._problem.twist_limit.acceleration))
-        return previous * max(0.0, 1 - self._problem.dt / stop) if stop > 0 else previous
+            names = held_back(scene, moment, solved)
+            return solved[arm], "slower", f"held back by {names}"
+    # The object brakes, rests, or cannot keep all rows. The robot follows it as closely as
+    # possible.
+    wanted, control = object_step.twist, problem.control
+    if whole:
+        braking = float(np.max(np.abs(done) / limit.acceleration))
+        wanted = done * max(0.0, 1 - problem.dt / braking) if braking > 0 else done
+    effort = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
+    moment.H, moment.g = effort, -effort @ wanted
+    for bound in (limit.speed, np.full(6, FREE)):
+        moment.low, moment.high = -bound, bound
+        if (solved := formulation.solve(moment, follow=False)) is None:
+            continue
+        twist = moment.jacobian @ solved[arm] - moment.offset
+        if not whole and np.abs(twist - wanted).max() < SAME:
+            return solved[arm], object_step.status, ""
+        names = held_back(scene, moment, solved)
+        if whole:
+            return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
+        stops = object_step.status in ("braking", "invalid")
+        return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
+    stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
+    status = "invalid" if object_step.status == "invalid" else "braking"
+    why = "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+    return stop, status, why
