@@ -278,50 +278,41 @@ GROWTH: Final[tuple[str, ...]] = ("stature", *FRACTIONS)
 _STEP: Final = 0.1
 
 
-@dataclass(frozen=True, eq=False)
 class Offsets:
     """Offsets of bodies and sites in their parents, as expressions [m].
 
-    Attributes:
-        body_model: the loaded body.
+    Args:
+        body: the loaded body.
         growth: relative growth (14,) in the order of `GROWTH`, or None for none.
-        slopes: derivatives of the offsets of bodies and of sites with respect to it (n, 3,
-            14).
     """
 
-    body_model: Body
-    growth: ca.SX | None
-    slopes: tuple[np.ndarray, np.ndarray]
-
-    @classmethod
-    def of(cls, body: Body, growth: ca.SX | None) -> Offsets:
-        """Return the offsets of a body. Their slopes are computed from larger bodies."""
+    def __init__(self, body: Body, growth: ca.SX | None) -> None:
+        """Compute the slopes of the offsets, (n, 3, 14) each, from larger bodies."""
+        self._model, self._growth = body.model, growth
         if growth is None:
-            return cls(body, None, (np.zeros(0), np.zeros(0)))
+            return
         here = _positions(body)
         slopes = [here]
         for name in FRACTIONS:
             lengths = dict(body.lengths) | {name: (1 + _STEP) * body.lengths[name]}
             larger = _positions(Body(body.stature, lengths, body.mass))
             slopes.append(((larger[0] - here[0]) / _STEP, (larger[1] - here[1]) / _STEP))
-        bodies, sites = (np.stack(parts, axis=-1) for parts in zip(*slopes, strict=True))
-        return cls(body, growth, (bodies, sites))
+        self._slopes = [np.stack(parts, axis=-1) for parts in zip(*slopes, strict=True)]
 
     def body(self, number: int) -> ca.SX:
         """Return the position of a body in its parent (3,) [m]."""
-        return self._grown(self.body_model.model.body_pos[number], 0, number)
+        return self._grown(self._model.body_pos[number], 0, number)
 
     def site(self, name: str) -> ca.SX:
         """Return the position of a site in its body (3,) [m]."""
-        model = self.body_model.model
-        number = model.site(name).id
-        return self._grown(model.site_pos[number], 1, number)
+        number = self._model.site(name).id
+        return self._grown(self._model.site_pos[number], 1, number)
 
     def _grown(self, nominal: np.ndarray, which: int, number: int) -> ca.SX:
-        if self.growth is None:
+        if self._growth is None:
             return ca.SX(ca.DM(nominal))
-        slope = self.slopes[which][number]
-        return ca.SX(ca.DM(nominal)) + ca.sparsify(ca.SX(ca.DM(slope))) @ self.growth
+        slope = self._slopes[which][number]
+        return ca.SX(ca.DM(nominal)) + ca.sparsify(ca.SX(ca.DM(slope))) @ self._growth
 
 
 def _positions(body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -386,7 +377,7 @@ class Kinematics:
     def __init__(self, body: Body, growth: ca.SX | None = None) -> None:
         """Read the tree of the loaded model."""
         self.body, self._growth = body, growth
-        self._offsets = Offsets.of(body, growth)
+        self._offsets = Offsets(body, growth)
         self._q = ca.SX.sym("q", len(JOINTS))
         self._bodies = _forward(body.model, self._offsets, self._q)
         self._functions: dict[str, ca.Function] = {}
