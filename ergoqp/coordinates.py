@@ -16,27 +16,16 @@ from ergoqp.joints import INDEX, JOINTS, UPPER_BODY
 FOREARM: Final[tuple[str, ...]] = ("elbow_x", "elbow_y", "elbow_z", "wrist_x", "wrist_y", "wrist_z")
 """State of the problem ``forearm``: elbow and wrist of the right arm in the pelvis frame [m]."""
 
+_KNEES: Final = ("right_knee_flexion", "left_knee_flexion")
+
 REPORT_JOINTS: Final[tuple[str, ...]] = (
-    *JOINTS[:6],
-    *(
-        f"{side}_{joint}"
-        for side in ("right", "left")
-        for joint in (
-            "shoulder_flexion",
-            "shoulder_abduction",
-            "elbow_flexion",
-            "forearm_pronation",
-            "wrist_flexion",
-            "wrist_deviation",
-        )
-    ),
-    "right_knee_flexion",
-    "left_knee_flexion",
+    *(joint for joint in UPPER_BODY if not joint.endswith("shoulder_rotation")),
+    *_KNEES,
 )
 """The EPFL report's 20 joints: neck 3, trunk 3, knees 2, per arm shoulder 2, elbow 1, wrist 3."""
 
 
-SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, "right_knee_flexion", "left_knee_flexion")
+SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, *_KNEES)
 """The 22 joints that the sheet reads: those of the report, and the rotation of both shoulders."""
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.svr import KernelCost, Reduction, read_reduction
+from ergoqp.costs.svr import KernelCost, read_reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
@@ -60,17 +60,6 @@ class SklearnCost(KernelCost):
     """
 
     name = "sklearn"
-
-    def __init__(
-        self,
-        model: KernelSum | Layers,
-        coordinates: Sequence[str],
-        minimum: float,
-        reduction: Reduction | None = None,
-    ) -> None:
-        """Keep the model."""
-        super().__init__(coordinates, minimum)
-        self.model, self.reduction = model, reduction
 
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, a scalar expression of the inputs (d,)."""

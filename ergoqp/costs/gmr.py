@@ -25,7 +25,7 @@ from ergoqp.arguments import (
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.learning.mixtures import MixtureRegression, Prediction, em, estimate, mixture_of
+from ergoqp.learning.mixtures import MixtureRegression, Prediction, estimate, mixture_of
 from ergoqp.learning.pipelines import check_radians, named
 
 if TYPE_CHECKING:
@@ -167,8 +167,8 @@ class Gmr(LearnedCost):
         lowest = float(data.labels.min())
         if not per_score:
             columns = np.column_stack([data.points, data.labels])
-            mixture = em(columns, count, seed, covariance, regularisation, "kmeans")
-            return cls(mixture, data.coordinates, lowest, **options)
+            found = estimate(columns, count, seed, covariance, regularisation, "kmeans")
+            return cls(mixture_of(found), data.coordinates, lowest, **options)
         mixture = _per_score(data, count, seed, covariance, regularisation)
         plain = cls(mixture, data.coordinates, lowest, **options)
         slope, offset = np.polyfit(plain.predict(data.points), data.labels, 1)
@@ -233,9 +233,7 @@ class Gmr(LearnedCost):
         cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
-        mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
-        options = {name: settings[name] for name in ("variant", "temperatures", "shares")}
-        return cls(mixture, coordinates, minimum, **options)
+        return cls(MixtureRegression(**arrays), coordinates, minimum, **settings)
 
 
 def bic_curve(
@@ -293,7 +291,7 @@ def _per_score(
         # k-means++ seeds without Lloyd iterations: the Gaussians of one score overlap, and
         # clusters would separate them.
         points = data.points[data.labels == score]
-        part = em(points, own, seed, covariance, regularisation, "k-means++")
+        part = mixture_of(estimate(points, own, seed, covariance, regularisation, "k-means++"))
         weights.append(part.weights * size / len(data))
         means.append(np.column_stack([part.means, np.full(own, score)]))
         covariances.append(np.pad(part.covariances, ((0, 0), (0, 1), (0, 1))))

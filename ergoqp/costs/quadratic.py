@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind
-from ergoqp.costs.cost import Arrays, LearnedCost, Settings
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 
@@ -108,12 +108,3 @@ class Quadratic(LearnedCost):
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return settings and arrays (d,)."""
         return {"constant": self.constant}, {"slopes": self.slopes, "curvatures": self.curvatures}
-
-    @classmethod
-    def from_parts(
-        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
-    ) -> Self:
-        """Return the cost with these `parts`. The arrays must have the same shapes."""
-        return cls(
-            settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum
-        )

@@ -101,8 +101,16 @@ class KernelCost(LearnedCost):
         reduction: how a reduced set of kernels differs from the full one; None for a full set.
     """
 
-    model: Any
-    reduction: Reduction | None
+    def __init__(
+        self,
+        model: Any,
+        coordinates: Sequence[str],
+        minimum: float,
+        reduction: Reduction | None = None,
+    ) -> None:
+        """Keep the model."""
+        super().__init__(coordinates, minimum)
+        self.model, self.reduction = model, reduction
 
     def seen(self, points: Array) -> Array:
         """Return the features (n, m) of inputs (n, d) that the model uses: the inputs."""
@@ -269,8 +277,8 @@ class Svr(KernelCost):
         Raises:
             ModelError: if the number of features is not the number that the kernels need.
         """
-        super().__init__(coordinates, minimum)
-        self.features, self.model, self.reduction = features, model, reduction
+        super().__init__(model, coordinates, minimum, reduction)
+        self.features = features
         if len(features) != len(model.scale):
             raise ModelError(
                 f"svr: got {len(features)} features, allowed {len(model.scale)}, as many as the"

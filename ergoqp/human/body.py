@@ -204,11 +204,40 @@ class Body:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """Scaled MuJoCo model: base x, y, z, yaw, then the 32 hinges in the order of `JOINTS`."""
-        return _scaled_spec(self).compile()
+        return self.spec().compile()
 
     def spec(self) -> mujoco.MjSpec:
         """Return a new specification of the model, to add it to a larger one."""
-        return _scaled_spec(self)
+        girth = self.stature / NOMINAL_STATURE
+        factor = {
+            name: length / (FRACTIONS[name] * NOMINAL_STATURE)
+            for name, length in self.lengths.items()
+        }
+        factor["girth"] = girth
+
+        def scale_of(owner: str) -> np.ndarray:
+            key = owner.removeprefix("right_").removeprefix("left_")
+            return np.array(
+                [factor[name] for name in _SCALED_BY.get(key, ("girth", "girth", "girth"))]
+            )
+
+        spec = mujoco.MjSpec.from_string(_nominal_xml())
+        for child in spec.bodies[1:]:
+            scale = scale_of(child.parent.name)
+            if child.name.endswith("shoulder_flexion"):
+                scale[2] = factor["shoulder_height"]
+            child.pos = np.asarray(child.pos) * scale
+        for site in spec.sites:
+            site.pos = np.asarray(site.pos) * scale_of(site.parent.name)
+        for geom in spec.geoms:
+            scale = scale_of(geom.parent.name)
+            geom.mass *= self.mass / NOMINAL_MASS
+            geom.size = np.asarray(geom.size) * girth
+            if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
+                geom.fromto = np.asarray(geom.fromto) * np.tile(scale, 2)
+            else:
+                geom.pos = np.asarray(geom.pos) * scale
+        return spec
 
 
 def stature_of(lengths: Mapping[str, float]) -> float:
@@ -240,36 +269,6 @@ def believable(segment: str, stature: float) -> tuple[float, float]:
 @lru_cache(maxsize=1)
 def _nominal_xml() -> str:
     return (data_folder("models") / "human.xml").read_text(encoding="utf-8")
-
-
-def _scaled_spec(body: Body) -> mujoco.MjSpec:
-    girth = body.stature / NOMINAL_STATURE
-    factor = {
-        name: length / (FRACTIONS[name] * NOMINAL_STATURE) for name, length in body.lengths.items()
-    }
-    factor["girth"] = girth
-
-    def scale_of(owner: str) -> np.ndarray:
-        key = owner.removeprefix("right_").removeprefix("left_")
-        return np.array([factor[name] for name in _SCALED_BY.get(key, ("girth", "girth", "girth"))])
-
-    spec = mujoco.MjSpec.from_string(_nominal_xml())
-    for child in spec.bodies[1:]:
-        scale = scale_of(child.parent.name)
-        if child.name.endswith("shoulder_flexion"):
-            scale[2] = factor["shoulder_height"]
-        child.pos = np.asarray(child.pos) * scale
-    for site in spec.sites:
-        site.pos = np.asarray(site.pos) * scale_of(site.parent.name)
-    for geom in spec.geoms:
-        scale = scale_of(geom.parent.name)
-        geom.mass *= body.mass / NOMINAL_MASS
-        geom.size = np.asarray(geom.size) * girth
-        if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
-            geom.fromto = np.asarray(geom.fromto) * np.tile(scale, 2)
-        else:
-            geom.pos = np.asarray(geom.pos) * scale
-    return spec
 
 
 GROWTH: Final[tuple[str, ...]] = ("stature", *FRACTIONS)
@@ -395,22 +394,8 @@ class Kinematics:
         """
         if frame not in FRAMES:
             raise InputError(f"frame: got {frame!r}, allowed one of {', '.join(FRAMES)}")
-        if frame not in self._functions:
-            self._functions[frame] = self._build(frame)
-        return self._functions[frame]
-
-    def at(self, frame: str, q: Expression) -> tuple[Expression, Expression, Expression]:
-        """Return position (3,) [m], rotation (3, 3) and Jacobian (6, 32) of a frame.
-
-        They are those at the posture `q` (32,) [rad].
-        """
-        # If the body has a growth, growth and posture are symbols of the same type.
-        function, growth = self.function(frame), self._growth
-        frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
-        position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
-        return position, rotation, jacobian
-
-    def _build(self, frame: str) -> ca.Function:
+        if frame in self._functions:
+            return self._functions[frame]
         model = self.body.model
         site = model.site(frame)
         owner = int(site.bodyid[0])
@@ -423,9 +408,21 @@ class Kinematics:
             jacobian[3:, joint] = axis
         outputs = ca.cse([_clean(origin), orientation, _clean(jacobian)])
         given = {"q": self._q} | ({} if self._growth is None else {"growth": self._growth})
-        return ca.Function(
+        self._functions[frame] = ca.Function(
             frame, list(given.values()), outputs, list(given), ["position", "rotation", "jacobian"]
         )
+        return self._functions[frame]
+
+    def at(self, frame: str, q: Expression) -> tuple[Expression, Expression, Expression]:
+        """Return position (3,) [m], rotation (3, 3) and Jacobian (6, 32) of a frame.
+
+        They are those at the posture `q` (32,) [rad].
+        """
+        # If the body has a growth, growth and posture are symbols of the same type.
+        function, growth = self.function(frame), self._growth
+        frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
+        position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
+        return position, rotation, jacobian
 
 
 def base_jacobian(position: Expression) -> Expression:

@@ -81,9 +81,7 @@ class Arm:
         trunk = _twice(flexion), _twice(bend), _twice(twist)
         shoulder = np.hstack([shoulder, _wrap(shoulder + np.pi)])
         abduction = np.hstack([abduction, np.pi - abduction])
-        return np.stack(
-            [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
-        ), _twice(missing)
+        return self._whole(wrist, trunk, shoulder, abduction), _twice(missing)
 
     def solve_by_shoulder(
         self, points: Array, shoulder: Array, twist: Array
@@ -120,12 +118,7 @@ class Arm:
         trunk = np.arctan2(x * vz - z * vx, x * vx + z * vz), _wrap(bend), _twice(twist)
         shoulder, abduction = _twice(shoulder), _wrap(_twice(abduction))
         missing = _twice(no_abduction) + no_bend
-        return (
-            np.stack(
-                [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
-            ),
-            missing,
-        )
+        return self._whole(wrist, trunk, shoulder, abduction), missing
 
     def _elbow_and_forearm(self, points: Array) -> tuple[Array, Array]:
         """Return the elbow from the trunk's root and the wrist from the elbow, (3, n, 1) each."""
@@ -133,10 +126,10 @@ class Arm:
             points[:, None, 3:] - points[:, None, :3], -1, 0
         )
 
-    def _elbow(
+    def _whole(
         self, forearm: Array, trunk: tuple[Array, Array, Array], shoulder: Array, abduction: Array
-    ) -> tuple[Array, Array]:
-        """Return upper arm rotation and elbow flexion for a direction of the forearm."""
+    ) -> Array:
+        """Return all angles, with upper arm and elbow turned to a direction of the forearm."""
         gx, gy, gz = _into_trunk(*trunk, *forearm)
         # Into the frame of the upper arm before its own rotation: back by the flexion (about
         # -y), then by the abduction (about -x).
@@ -148,7 +141,8 @@ class Arm:
         gy, gz = cos_a * gy - sin_a * gz, sin_a * gy + cos_a * gz
         away = np.hypot(gx, gy)
         # With a straight elbow the rotation is free.
-        return np.where(away > 1e-9 * self.fore, np.arctan2(gy, gx), 0.0), np.arctan2(away, -gz)
+        rotation = np.where(away > 1e-9 * self.fore, np.arctan2(gy, gx), 0.0)
+        return np.stack([*trunk, shoulder, abduction, rotation, np.arctan2(away, -gz)])
 
 
 def arm_of(body: Body) -> Arm:
@@ -193,15 +187,8 @@ def _forward(stature: float, lengths: tuple[tuple[str, float], ...]) -> ca.Funct
     """
     kinematics = Kinematics(Body(stature, dict(lengths)))
     q = ca.SX.sym("q", len(JOINTS))
-    return ca.Function(
-        "forearm",
-        [q],
-        [
-            ca.cse(
-                ca.vertcat(*(kinematics.at(f"right_{name}", q)[0] for name in ("elbow", "wrist")))
-            )
-        ],
-    )
+    points = (kinematics.at(f"right_{name}", q)[0] for name in ("elbow", "wrist"))
+    return ca.Function("forearm", [q], [ca.cse(ca.vertcat(*points))])
 
 
 def _wrap(angle: Array) -> Array:

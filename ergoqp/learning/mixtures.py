@@ -299,13 +299,6 @@ ROUNDS: Final = 300
 """Largest number of iterations of EM."""
 
 
-def em(
-    columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
-) -> MixtureRegression:
-    """Return the mixture fitted to rows of numbers, see `estimate`."""
-    return mixture_of(estimate(columns, count, seed, covariance, regularisation, start))
-
-
 def estimate(
     columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
 ) -> GaussianMixture:

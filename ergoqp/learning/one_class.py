@@ -122,8 +122,8 @@ class OneClass:
             centres[kept],
             weights[kept],
             -float(rho),
-            _vector(mean),
-            _vector(scale),
+            np.ravel(mean),
+            np.ravel(scale),
         )
         self.gamma = self._sum.kernel.gamma
         self.mean, self.scale = self._sum.mean, self._sum.scale
@@ -323,10 +323,6 @@ def _coordinates(names: Coordinates | Sequence[str]) -> Coordinates:
         if isinstance(names, Coordinates)
         else Coordinates(names_of("coordinates", names, "a list of names", ModelError))
     )
-
-
-def _vector(values: ArrayLike) -> Array:
-    return np.asarray(values, dtype=float).ravel()
 
 
 def _points(points: ArrayLike, width: int) -> Array:

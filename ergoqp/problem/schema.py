@@ -398,19 +398,14 @@ def file_table(raw: Mapping[str, Any]) -> Any:
     for part, table in _PARTS.items():
         stated = raw.get(part)
         named = set(stated) if isinstance(stated, Mapping) else set()
-        known = set(table.model_fields)
+        known, own = set(table.model_fields), set(registered(_KINDS[part]))
         check_free(_KINDS[part], named & known)
-        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own_names(part)}
+        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own}
         if found:
-            own = {name: (table_of(name, term) | None, None) for name, term in found.items()}
-            larger = _with_keys(table.__name__, table, own)
+            keys = {name: (table_of(name, term) | None, None) for name, term in found.items()}
+            larger = _with_keys(table.__name__, table, keys)
             parts[part] = (larger, FileTable.model_fields[part].default)
     return create_model("FileTable", __base__=FileTable, **parts) if parts else FileTable
-
-
-def own_names(part: str) -> set[str]:
-    """Return the names that installed packages register for a part of a file."""
-    return set(registered(_KINDS[part]))
 
 
 def own_tables(table: Table) -> dict[str, Table]:

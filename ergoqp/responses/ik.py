@@ -21,7 +21,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import base_jacobian
-from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
 from ergoqp.responses.stance_and_gaze import (
     HANGING_DEG,
     LEG_JOINTS,
@@ -99,9 +99,6 @@ def per_joint(
     return values
 
 
-_ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
-
-
 def sensitivity_function(
     geometry: ca.Function, chain: list[int], hanging: list[int], damping: float, hands: int
 ) -> ca.Function:
@@ -143,7 +140,7 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
     """Return sensitivity, drift, contact, grips and reach, as `IkResponse` describes them."""
     q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
     weights, kinematics = ca.SX(ca.DM(person.weight_vector)), person.kinematics
-    chain = [INDEX[joint] for joint in person.chain if joint in JOINTS[:20]]
+    chain = [INDEX[joint] for joint in person.chain if joint in UPPER_BODY]
     wish = (ca.SX(ca.DM(person.comfort)) - q) / person.relaxation_time * (1 - locked)
     if person.stance == "seated":
         stance = seated(person.seat)
@@ -380,9 +377,8 @@ class IkResponse:
         These are the trunk, the neck of a person who looks at the work, the working arms and, when
         standing, the legs.
         """
-        chains = ("trunk", *(("neck",) if self.looks else ()))
-        chains += tuple(f"{hand}_{part}" for hand in self.hands for part in _ARM)
-        moved = [joint for joint in JOINTS[:20] if joint.startswith(chains)]
+        chains = ("trunk", *(("neck",) if self.looks else ()), *self.hands)
+        moved = [joint for joint in UPPER_BODY if joint.startswith(chains)]
         if self.stance == "standing":
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
         return tuple(moved)

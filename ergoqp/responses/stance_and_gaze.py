@@ -35,7 +35,7 @@ import numpy as np
 from ergoqp.expressions import solve3, spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
-from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.joints import INDEX, JOINTS, SIDES, UPPER_BODY
 
 LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) for side in SIDES}
 """The six joints of each leg."""
@@ -298,8 +298,7 @@ def _line_of_sight() -> ca.DM:
 HANGING_DEG: Final[dict[str, float]] = {"shoulder_abduction": 5.0, "elbow_flexion": 12.0}
 """Angles of an arm that hangs beside an upright trunk [deg]; all others are zero."""
 
-_TRUNK: Final = ("trunk_flexion", "trunk_side_bend", "trunk_twist")
-TRUNK: Final = [INDEX[joint] for joint in _TRUNK]
+TRUNK: Final = [INDEX[joint] for joint in JOINTS if joint.startswith("trunk")]
 """Numbers of the joints of the trunk."""
 
 _ASIDE: Final = {"right": -1.0, "left": 1.0}
@@ -308,12 +307,7 @@ _NEARLY: Final = 1 - 1e-9
 
 def arm_of(side: str) -> list[int]:
     """Return the numbers of the seven joints of an arm."""
-    chain = ("shoulder", "elbow", "forearm", "wrist")
-    return [
-        INDEX[joint]
-        for joint in JOINTS[:20]
-        if joint.startswith(tuple(f"{side}_{p}" for p in chain))
-    ]
+    return [INDEX[joint] for joint in UPPER_BODY if joint.startswith(side)]
 
 
 def swinging(side: str) -> list[int]:

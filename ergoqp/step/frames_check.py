@@ -86,7 +86,9 @@ def compared_frames(problem: Problem, signals: Mapping[str, ca.MX]) -> ca.MX:
     contact = problem.response.contact()
     difference = _difference(problem)
     apart = difference(pose, contact(posture)[0])
-    explained = ca.Function.if_else("explained", _explained(problem), _near())
+    near = [ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)]
+    fine = ca.Function("near", near, [ca.MX(ca.DM([1, 1]))])
+    explained = ca.Function.if_else("explained", _explained(problem), fine)
     looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
     judged = _judged(problem)(block, apart, explained(looks, posture, apart))
     # Joints that are not seen are as in comfort here, which shows nothing.
@@ -155,11 +157,6 @@ def _explained(problem: Problem) -> ca.Function:
             reach += STATURE * ca.fabs(ca.dot(place, part))
         parts.append(reach / ca.fmax(ca.sumsqr(part), 1e-12))
     return ca.Function("looked_into", [posture, apart], [ca.vertcat(*parts)])
-
-
-def _near() -> ca.Function:
-    posture, apart = ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)
-    return ca.Function("near", [posture, apart], [ca.MX(ca.DM([1, 1]))])
 
 
 def _judged(problem: Problem) -> ca.Function:

@@ -134,7 +134,7 @@ class NullSpaceTask(_MomentTask):
 class _Rows(_OfMoment, mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
-    def __init__(self, scene: ModelColumns, count: int) -> None:
+    def __init__(self, scene: ModelColumns, count: int = 0) -> None:
         mink.Task.__init__(self, cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
 
@@ -176,11 +176,7 @@ class Tie(_Rows):
 
 
 class Held(_Rows):
-    """Axes of the object that cannot move."""
-
-    def __init__(self, scene: ModelColumns) -> None:
-        """Start without rows; the moment gives their number."""
-        super().__init__(scene, 0)
+    """Axes of the object that cannot move; the moment gives their number."""
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the error of each row without motion."""
@@ -236,10 +232,7 @@ class ProblemRows(_MomentLimit):
     slack of the step.
     """
 
-    def __init__(self, scene: ModelColumns) -> None:
-        """Start without slack."""
-        super().__init__(scene)
-        self.slack: np.ndarray | float = 0.0
+    slack: np.ndarray | float = 0.0
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
