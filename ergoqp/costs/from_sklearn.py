@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.svr import KernelCost, read_reduction
+from ergoqp.costs.svr import KernelCost, Reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
@@ -89,7 +89,8 @@ class SklearnCost(KernelCost):
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         form = KernelSum if settings["form"] == "kernels" else Layers
         model = form.from_parts(settings, arrays)
-        return cls(model, coordinates, minimum, read_reduction(settings))
+        reduction = settings["reduction"] and Reduction(**settings["reduction"])
+        return cls(model, coordinates, minimum, reduction)
 
 
 @dataclass(eq=False)
@@ -237,10 +238,6 @@ def _ridge(ridge: Any, mean: Array, scale: Array) -> KernelSum:
 
 
 def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
-    if not hasattr(process, "alpha_"):
-        raise ModelError(
-            "estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one"
-        )
     factor, kernel, lengths = _covariance(process.kernel_)
     spread = float(np.ravel(process._y_train_std)[0])
     offset = float(np.ravel(process._y_train_mean)[0])

@@ -87,12 +87,6 @@ class Reduction:
         )
 
 
-def read_reduction(settings: Settings) -> Reduction | None:
-    """Return the reduction in the settings of a cost, if there is one."""
-    found = settings["reduction"]
-    return None if found is None else Reduction(**found)
-
-
 class KernelCost(LearnedCost):
     """A cost that may be one sum of kernels of some features.
 
@@ -172,11 +166,13 @@ def reduced(
         )
     points = cost.seen(data.points)
     target = full.values(points)
-    centres = (
-        _clusters(full, count, seed)
-        if method == "clusters"
-        else full.centres[np.argsort(-np.abs(full.weights))[:count]]
-    )
+    if method == "clusters":
+        means = sklearn("cluster", "reducing a kernel cost").MiniBatchKMeans(
+            count, random_state=seed, n_init=1, batch_size=4096, max_iter=20
+        )
+        centres = means.fit(full.centres, sample_weight=np.abs(full.weights)).cluster_centers_
+    else:
+        centres = full.centres[np.argsort(-np.abs(full.weights))[:count]]
     basis = KernelSum(full.kernel, centres, np.ones(count), 0.0, full.mean, full.scale)
     weights, bias = _least_squares(basis, points, target)
     small = KernelSum(full.kernel, centres, weights, bias, full.mean, full.scale)
@@ -190,13 +186,6 @@ def reduced(
         len(data),
     )
     return cost.with_model(small, difference), difference
-
-
-def _clusters(full: KernelSum, count: int, seed: int) -> Array:
-    means = sklearn("cluster", "reducing a kernel cost").MiniBatchKMeans(
-        count, random_state=seed, n_init=1, batch_size=4096, max_iter=20
-    )
-    return means.fit(full.centres, sample_weight=np.abs(full.weights)).cluster_centers_
 
 
 def _least_squares(basis: KernelSum, points: Array, target: Array) -> tuple[Array, float]:
@@ -397,7 +386,8 @@ class Svr(KernelCost):
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         features = features_from(settings["features"], arrays)
         model = KernelSum.from_parts(settings, arrays)
-        return cls(features, model, coordinates, minimum, read_reduction(settings))
+        reduction = settings["reduction"] and Reduction(**settings["reduction"])
+        return cls(features, model, coordinates, minimum, reduction)
 
 
 def _candidates(

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Final, Literal, Unpack
 
 import numpy as np
@@ -38,6 +38,8 @@ from ergoqp.sheets.options import (
     read_task,
     sheet_of,
 )
+
+Array = NDArray[np.float64]
 
 _CLEAR: Final = 2 * TIE
 """Drawn angles keep this distance from band ends, so that the tie rule never matters [rad]."""
@@ -92,16 +94,6 @@ def sheet_sampler(
     return BalancedSampler(sheet, task, method.arms, method.final_max, LOWER, UPPER, joints)
 
 
-def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
-    """Return a sampler of the simplified sheet, in the ranges of that sheet.
-
-    See :mod:`ergoqp.sheets.interval`.
-    """
-    sheet, ranges = interval_sheet(), interval_ranges()
-    task = read_task(sheet, None, {})
-    return BalancedSampler(sheet, task, "segments", FINAL_MAX, *ranges, joints)
-
-
 class BalancedSampler:
     """Draws postures of wanted scores.
 
@@ -138,7 +130,7 @@ class BalancedSampler:
         self._lower, self._upper = np.where(drawn, lower, 0.0), np.where(drawn, upper, 0.0)
         parts = [(segment, "") for segment in sheet.of_table("A")]
         parts += [(segment, side) for side in SIDES for segment in sheet.of_table("B")]
-        self._bands = [_bands(each, side, task, self._lower, self._upper) for each, side in parts]
+        self._bands = [_Bands(each, side, task, self._lower, self._upper) for each, side in parts]
         # All combinations of segment scores: their probabilities and final scores.
         counts = [bands.count for bands in self._bands]
         grid = np.meshgrid(*(np.arange(1, len(c), dtype=np.int8) for c in counts), indexing="ij")
@@ -196,7 +188,6 @@ class BalancedSampler:
         ]
 
 
-@dataclass(frozen=True, eq=False)
 class _Bands:
     """The bands of one segment on one side: all combinations, sorted by the score of the segment.
 
@@ -208,30 +199,22 @@ class _Bands:
         count: number of combinations of score k, indexed by k.
     """
 
-    joints: list[int]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
-
-
-def _bands(
-    segment: Segment, side: str, task: Task, lower: NDArray[np.float64], upper: NDArray[np.float64]
-) -> _Bands:
-    joints, choices = [], []
-    for step in segment.steps:
-        for joint_side in SIDES if segment.worse_side and step is segment.base else (side,):
-            joint = segment.joint(step, joint_side)
-            joints.append(joint)
-            choices.append(_choices(step.edges, lower[joint], upper[joint]))
-    ends = np.array(list(itertools.product(*choices)))  # (combinations, joints, 2)
-    # The exact score of a combination is computed from the sheet, so no rule is written twice.
-    angles = np.zeros((len(JOINTS), len(ends)))
-    angles[joints] = ends.mean(axis=2).T
-    score = score_segment(segment, angles, task, side)
-    order = np.argsort(score, kind="stable")
-    count = np.bincount(score, minlength=segment.highest + 1)
-    return _Bands(joints, ends[order, :, 0], ends[order, :, 1], np.cumsum(count) - count, count)
+    def __init__(self, segment: Segment, side: str, task: Task, lower: Array, upper: Array) -> None:
+        joints, choices = [], []
+        for step in segment.steps:
+            for joint_side in SIDES if segment.worse_side and step is segment.base else (side,):
+                joint = segment.joint(step, joint_side)
+                joints.append(joint)
+                choices.append(_choices(step.edges, lower[joint], upper[joint]))
+        ends = np.array(list(itertools.product(*choices)))  # (combinations, joints, 2)
+        # The exact score of a combination is computed from the sheet, so no rule is written twice.
+        angles = np.zeros((len(JOINTS), len(ends)))
+        angles[joints] = ends.mean(axis=2).T
+        score = score_segment(segment, angles, task, side)
+        order = np.argsort(score, kind="stable")
+        count = np.bincount(score, minlength=segment.highest + 1)
+        self.joints, self.low, self.high = joints, ends[order, :, 0], ends[order, :, 1]
+        self.first, self.count = np.cumsum(count) - count, count
 
 
 def _choices(edges: Sequence[float], lower: float, upper: float) -> list[tuple[float, float]]:
@@ -374,7 +357,10 @@ def _sampler(
             " rules have none"
         )
     sheets = [load_description("reba"), load_description("interval")]
-    return interval_sampler(joints), {"sheet": sheets, "ranges": [LOWER, UPPER]}
+    sheet = interval_sheet()
+    no_task = read_task(sheet, None, {})
+    sampler = BalancedSampler(sheet, no_task, "segments", FINAL_MAX, *interval_ranges(), joints)
+    return sampler, {"sheet": sheets, "ranges": [LOWER, UPPER]}
 
 
 def posture_stream(

@@ -5,7 +5,6 @@ It gives elbow and wrist of a posture, and the postures of a given elbow and wri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -35,9 +34,11 @@ ARM_INDEX: Final[list[int]] = [INDEX[joint] for joint in ARM_JOINTS]
 """Position of each of `ARM_JOINTS` in a posture."""
 
 
-@dataclass(frozen=True, eq=False)
 class Arm:
     """Lengths of a person's right arm on the trunk, and its inverse kinematics.
+
+    Args:
+        body: the person.
 
     Attributes:
         root: origin of the trunk's hinges, in the pelvis frame (3,) [m].
@@ -46,10 +47,19 @@ class Arm:
         fore: distance from the elbow to the wrist [m].
     """
 
-    root: Array
-    shoulder: Array
-    upper: float
-    fore: float
+    def __init__(self, body: Body) -> None:
+        """Read the loaded model."""
+        model = body.model
+        self.root, self.shoulder, *bones = (
+            np.asarray(model.body(name).pos)
+            for name in (
+                "trunk_flexion",
+                "right_shoulder_flexion",
+                "right_elbow_flexion",
+                "right_wrist_flexion",
+            )
+        )
+        self.upper, self.fore = (float(np.linalg.norm(bone)) for bone in bones)
 
     def solve_by_bend(self, points: Array, bend: Array, twist: Array) -> tuple[Array, Array]:
         """Return all postures of trunk and right arm with given points, side bends and twists.
@@ -145,23 +155,9 @@ class Arm:
         return np.stack([*trunk, shoulder, abduction, rotation, np.arctan2(away, -gz)])
 
 
-def arm_of(body: Body) -> Arm:
-    """Return the right arm of a body, from its loaded model."""
-    model = body.model
-    offset = {
-        name: np.asarray(model.body(name).pos)
-        for name in ("trunk_flexion", "right_shoulder_flexion")
-    }
-    upper, fore = (
-        float(np.linalg.norm(model.body(f"right_{name}").pos))
-        for name in ("elbow_flexion", "wrist_flexion")
-    )
-    return Arm(offset["trunk_flexion"], offset["right_shoulder_flexion"], upper, fore)
-
-
 def forearm_length(body: Body | None = None) -> float:
     """Return the distance of the wrist from the elbow [m]."""
-    return arm_of(body or Body()).fore
+    return Arm(body or Body()).fore
 
 
 def forearm_points(postures: ArrayLike, body: Body | None = None) -> Array:

@@ -37,6 +37,7 @@ from pydantic_core import PydanticCustomError
 
 from ergoqp.arguments import Range, shown
 from ergoqp.errors import ErgoqpError, InputError, in_words
+from ergoqp.human.body import STATURE_RANGE
 from ergoqp.limits import (
     ArmLength,
     AxisCone,
@@ -201,7 +202,6 @@ def _tables(name: str, base: type[Table], **tables: Any) -> Any:
 
 
 Side = Literal["right", "left"]
-Stature: Any = Annotated[float, Range(1.2, 2.3, "m")]
 Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
@@ -224,7 +224,7 @@ ResponseTable: Any = _tables(
             IkResponse,
             ["body"],
             hands=Annotated[tuple[Side, ...], BeforeValidator(as_tuple), Len(1, 2)],
-            stature=Stature | None,
+            stature=Annotated[float, Range(*STATURE_RANGE, "m")] | None,
             person=str | None,
         ),
         AfterValidator(_one_person),

@@ -92,7 +92,7 @@ def compared_frames(problem: Problem, signals: Mapping[str, ca.MX]) -> ca.MX:
     looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
     judged = _judged(problem)(block, apart, explained(looks, posture, apart))
     # Joints that are not seen are as in comfort here, which shows nothing.
-    needed = _needed(contact)
+    needed = sorted(set(contact.jac_sparsity(0, 0).get_triplet()[1]))
     seen = ca.mmin(observed[needed]) > 0.5 if needed else ca.MX(1)
     after = ca.if_else(seen, judged, block)
     compare = ca.Function("compare", inputs, [ca.vertcat(PERIOD - period, after[1:])])
@@ -186,9 +186,3 @@ def _judged(problem: Problem) -> ca.Function:
         angle,
     )
     return ca.Function("judged", [block, apart, explained], dense([after]))
-
-
-def _needed(contact: ca.Function) -> list[int]:
-    """Return the numbers of the joints that the contact depends on."""
-    pattern = contact.jac_sparsity(0, 0)
-    return sorted(set(pattern.get_triplet()[1]))

@@ -19,7 +19,7 @@ from mink.tasks import BaseTask
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer import Step
-from ergoqp.whole_body.scene import ModelColumns, Scene
+from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.state import SAME, Moment
 
 _AT = 1e-7
@@ -67,7 +67,7 @@ class _OfMoment:
 
     now: Moment
 
-    def __init__(self, scene: ModelColumns) -> None:
+    def __init__(self, scene: Scene) -> None:
         """Keep the columns of the model."""
         self.scene = scene
 
@@ -134,7 +134,7 @@ class NullSpaceTask(_MomentTask):
 class _Rows(_OfMoment, mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
-    def __init__(self, scene: ModelColumns, count: int = 0) -> None:
+    def __init__(self, scene: Scene, count: int = 0) -> None:
         mink.Task.__init__(self, cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
 
@@ -149,7 +149,7 @@ class Tie(_Rows):
     are tied to rest.
     """
 
-    def __init__(self, scene: ModelColumns) -> None:
+    def __init__(self, scene: Scene) -> None:
         """Make 36 rows, and one per idle joint."""
         super().__init__(scene, len(scene.person) + len(scene.idle))
 
@@ -200,8 +200,11 @@ def fixed_axes(now: Moment) -> np.ndarray:
 class _MomentLimit(_OfMoment, mink.Limit):
     """A limit that reads the data of the present step."""
 
-    def _on_arm(self, rows: np.ndarray, bounds: np.ndarray, dt: float) -> mink.Constraint:
+    def _on_arm(
+        self, rows: np.ndarray, low: np.ndarray, high: np.ndarray, dt: float
+    ) -> mink.Constraint:
         """Return rows on the speeds of the arm, without infinite bounds."""
+        rows, bounds = np.vstack([rows, -rows]), np.concatenate([high, -low])
         real = bounds < FREE / 2
         if not real.any():
             return mink.Constraint()
@@ -220,9 +223,7 @@ class TwistBounds(_MomentLimit):
         now = self.now
         free = now.high - now.low >= 1e-12
         J, aside = now.jacobian[free], now.offset[free]
-        return self._on_arm(
-            np.vstack([J, -J]), np.concatenate([now.high[free] + aside, -now.low[free] - aside]), dt
-        )
+        return self._on_arm(J, now.low[free] + aside, now.high[free] + aside, dt)
 
 
 class ProblemRows(_MomentLimit):
@@ -242,7 +243,7 @@ class ProblemRows(_MomentLimit):
         rows = now.terms["A"] @ now.jacobian
         moved = now.terms["side"] * self.slack + now.terms["A"] @ now.offset
         upper, lower = now.terms["ubA"] + moved, now.terms["lbA"] + moved
-        return self._on_arm(np.vstack([rows, -rows]), np.concatenate([upper, -lower]), dt)
+        return self._on_arm(rows, lower, upper, dt)
 
 
 class ArmBounds(_MomentLimit):
@@ -256,10 +257,7 @@ class ArmBounds(_MomentLimit):
     ) -> mink.Constraint:
         """Return two rows per joint."""
         now = self.now
-        eye = np.eye(len(now.arm_high))
-        return self._on_arm(
-            np.vstack([eye, -eye]), np.concatenate([now.arm_high, -now.arm_low]), dt
-        )
+        return self._on_arm(np.eye(len(now.arm_high)), now.arm_low, now.arm_high, dt)
 
 
 class Distance(_MomentLimit):
