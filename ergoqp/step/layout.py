@@ -159,7 +159,7 @@ class PendingMotionLayout:
         """Number of all entries."""
         return sum(self._sizes.values())
 
-    def split(self, way: Any, held: bool, ahead: bool) -> dict[str, Any]:
+    def split(self, way: Any, held: bool = False, ahead: bool = False) -> dict[str, Any]:
         """Return the parts of a vector (size,) that an `ergoqp.limits.LimitContext` has.
 
         Args:

@@ -19,7 +19,7 @@ from mink.tasks import BaseTask
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer import Step
-from ergoqp.whole_body.scene import Scene
+from ergoqp.whole_body.scene import ModelColumns, Scene
 from ergoqp.whole_body.state import SAME, Moment
 
 _AT = 1e-7
@@ -63,11 +63,11 @@ NULL_WEIGHT = 1e-3
 
 
 class _OfMoment:
-    """A part of the QP that reads the data of the present step."""
+    """A part of the QP that reads the data of the present step, see `at_moment`."""
 
     now: Moment
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         """Keep the columns of the model."""
         self.scene = scene
 
@@ -134,7 +134,7 @@ class NullSpaceTask(_MomentTask):
 class _Rows(_OfMoment, mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
-    def __init__(self, scene: Scene, count: int = 0) -> None:
+    def __init__(self, scene: ModelColumns, count: int = 0) -> None:
         mink.Task.__init__(self, cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
 
@@ -149,7 +149,7 @@ class Tie(_Rows):
     are tied to rest.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         """Make 36 rows, and one per idle joint."""
         super().__init__(scene, len(scene.person) + len(scene.idle))
 
@@ -195,6 +195,12 @@ class Held(_Rows):
 def fixed_axes(now: Moment) -> np.ndarray:
     """Return the numbers of the axes whose least and greatest twist are the same."""
     return np.flatnonzero(now.high - now.low < 1e-12)
+
+
+def at_moment(parts: list[Any], moment: Moment) -> None:
+    """Set the data of the step in all tasks and limits."""
+    for part in parts:
+        part.now = moment
 
 
 class _MomentLimit(_OfMoment, mink.Limit):
@@ -326,8 +332,7 @@ class Formulation:
             tasks.append(self._ergonomic)
             limits.append(self.rows)
             constraints.append(self._held)
-        for part in (*tasks, *limits, self._held):
-            part.now = moment
+        at_moment([*tasks, *limits, self._held], moment)
         rows = {"limits": limits, "constraints": constraints}
         return mink.build_ik(self.configuration, tasks, moment.dt, damping=0.0, **rows)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import mujoco
 import numpy as np
@@ -60,6 +60,15 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
     frame[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     frame[2, 3] = length
     return frame
+
+
+class ModelColumns(Protocol):
+    """What tasks and limits need of a model: the columns of the velocities, see `Scene`."""
+
+    model: mujoco.MjModel
+    person: np.ndarray
+    arm: np.ndarray
+    idle: np.ndarray
 
 
 class Scene:
