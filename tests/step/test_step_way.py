@@ -312,12 +312,12 @@ def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer
     unsure[0], unsure[1], unsure[4] = (0.002, 0.001), (0.003, 0.0), (0.02, 0.03)
     known, behind = lands(problem, history), lands(problem, history, unsure)
     for end, expected in ((0, [0.002, 0.003, 0.0]), (1, [0.001, 0.0, 0.0])):
-        more = np.array(behind.margin_reduction["workspace x"][end]) - np.array(
-            known.margin_reduction["workspace x"][end]
+        more = np.array(behind["margin_reduction"]["workspace x"][end]) - np.array(
+            known["margin_reduction"]["workspace x"][end]
         )
         np.testing.assert_allclose(more.ravel(), expected, atol=1e-15)
     # It may be turned as much less, and how that bends is kept free too.
-    assert float(behind.turn[0] - known.turn[0]) == pytest.approx(0.03)
+    assert float(behind["turn"][0] - known["turn"][0]) == pytest.approx(0.03)
 
 
 def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on() -> None:
