@@ -338,6 +338,18 @@ def object_of(given: type) -> str:
     return f"an object, not the class: {given.__name__}(...)"
 
 
+def check_has(what: str, value: Any, member: str, allowed: str) -> None:
+    """Check that an object has a member.
+
+    Raises:
+        InputError: if it has not, or is a class.
+    """
+    has = hasattr(value, member)
+    if not has or isinstance(value, type):
+        allowed = object_of(value) if has else allowed
+        raise InputError(f"{what}: got {shown(value)}, allowed {allowed}")
+
+
 def check_text(what: str, value: Any, error: type[ErgoqpError] = InputError) -> None:
     """Check a name.
 

@@ -152,10 +152,12 @@ def shifted(pose: ca.SX, displacement: ca.SX) -> ca.SX:
 
     The rotation is the exact exponential.
     """
-    bottom = ca.SX([[0, 0, 0, 1]])
-    return ca.vertcat(
-        ca.horzcat(turned(displacement[3:], pose[:3, :3]), pose[:3, 3] + displacement[:3]), bottom
-    )
+    return pose_matrix(pose[:3, 3] + displacement[:3], turned(displacement[3:], pose[:3, :3]))
+
+
+def pose_matrix(position: ca.SX, rotation: ca.SX) -> ca.SX:
+    """Return the pose (4, 4) of a frame."""
+    return ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
 
 
 def turned(turn: ca.SX, vectors: ca.SX) -> ca.SX:
@@ -190,9 +192,8 @@ def is_rigid(pose: ca.SX) -> ca.SX:
 
 def normalised(pose: ca.SX) -> ca.SX:
     """Return the nearest rigid motion (4, 4) to a matrix that `is_rigid`, up to rounding."""
-    bottom = ca.SX([[0, 0, 0, 1]])
     # Two steps reduce the error from 1e-3 to 4e-7 to 1e-13.
-    return ca.vertcat(ca.horzcat(_straightened(_straightened(pose[:3, :3])), pose[:3, 3]), bottom)
+    return pose_matrix(pose[:3, 3], _straightened(_straightened(pose[:3, :3])))
 
 
 def read_pose(what: str, value: Any) -> np.ndarray:
@@ -278,6 +279,11 @@ def pose_from_dict(values: Mapping[str, Any]) -> np.ndarray:
         or not abs(np.linalg.norm(quaternion) - 1) < 1e-6
     ):
         raise ValueError("pose")
+    return pose_at(position, quaternion)
+
+
+def pose_at(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Return the pose (4, 4) at a position (3,), turned by a quaternion (4,), w last."""
     pose = np.eye(4)
     pose[:3, :3] = matrix_of(np.roll(quaternion / np.linalg.norm(quaternion), 1))
     pose[:3, 3] = position

@@ -150,11 +150,14 @@ class LearnedCost(ABC):
         """Return (settings for JSON, arrays): everything that `from_parts` needs."""
 
     @classmethod
-    @abstractmethod
     def from_parts(
         cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
-        """Return the cost with these `parts`. The arrays must have the same shapes."""
+        """Return the cost with these `parts`. The arrays must have the same shapes.
+
+        Kinds whose parts are not arguments of their constructor override this.
+        """
+        return cls(**settings, **arrays, coordinates=coordinates, minimum=minimum)
 
     def expression(self, q: ca.MX) -> ca.MX:
         """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`. `q` is the whole state."""

@@ -11,6 +11,7 @@ is ever unpickled.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Self
 
 import casadi as ca
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.svr import Reduction, read_reduction
+from ergoqp.costs.svr import KernelCost, Reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
@@ -39,7 +40,7 @@ _ALLOWED: Final = (
 )
 
 
-class SklearnCost(LearnedCost):
+class SklearnCost(KernelCost):
     """V(q) as predicted by an estimator of scikit-learn, made by `from_sklearn`.
 
     Attributes:
@@ -60,29 +61,6 @@ class SklearnCost(LearnedCost):
 
     name = "sklearn"
 
-    def __init__(
-        self,
-        model: KernelSum | Layers,
-        coordinates: Sequence[str],
-        minimum: float,
-        reduction: Reduction | None = None,
-    ) -> None:
-        """Keep the model."""
-        super().__init__(coordinates, minimum)
-        self.model, self.reduction = model, reduction
-
-    def seen(self, points: Array) -> Array:
-        """Return the inputs (n, d) themselves, which the model uses directly."""
-        return points
-
-    def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
-        """Return the same cost with another sum of kernels."""
-        return type(self)(model, self.coordinates.names, self.minimum, reduction)
-
-    def predict(self, points: Array) -> Array:
-        """Return V (n,) of inputs (n, d)."""
-        return self.model.values(points)
-
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, a scalar expression of the inputs (d,)."""
         return self.model.expression(x)
@@ -93,13 +71,15 @@ class SklearnCost(LearnedCost):
 
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression."""
-        return self.model.slope(x) if isinstance(self.model, KernelSum) else super().slope(x)
+        if isinstance(self.model, KernelSum):
+            return self.model.value_and_slope(x)[1]
+        return super().slope(x)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         settings, arrays = self.model.parts()
         form = "kernels" if isinstance(self.model, KernelSum) else "layers"
-        reduction = None if self.reduction is None else self.reduction.as_dict()
+        reduction = self.reduction and asdict(self.reduction)
         return {"form": form, "reduction": reduction, **settings}, arrays
 
     @classmethod
@@ -109,9 +89,11 @@ class SklearnCost(LearnedCost):
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         form = KernelSum if settings["form"] == "kernels" else Layers
         model = form.from_parts(settings, arrays)
-        return cls(model, coordinates, minimum, read_reduction(settings))
+        reduction = settings["reduction"] and Reduction(**settings["reduction"])
+        return cls(model, coordinates, minimum, reduction)
 
 
+@dataclass(eq=False)
 class Layers:
     """A network of dense layers with one activation and a linear last layer.
 
@@ -123,18 +105,16 @@ class Layers:
         scale: divides the result (d,).
     """
 
-    def __init__(
-        self,
-        weights: Sequence[Array],
-        biases: Sequence[Array],
-        activation: str,
-        mean: Array,
-        scale: Array,
-    ) -> None:
-        """Keep the layers."""
-        self.weights = [np.asarray(w, float) for w in weights]
-        self.biases = [np.asarray(b, float) for b in biases]
-        self.activation, self.mean, self.scale = activation, mean, scale
+    weights: Sequence[Array]
+    biases: Sequence[Array]
+    activation: str
+    mean: Array
+    scale: Array
+
+    def __post_init__(self) -> None:
+        """Read the layers."""
+        self.weights = [np.asarray(w, float) for w in self.weights]
+        self.biases = [np.asarray(b, float) for b in self.biases]
 
     def values(self, points: Array) -> Array:
         """Return the output (n,) of inputs (n, d)."""
@@ -154,7 +134,7 @@ class Layers:
         """Return the network whose output is `factor` times this one's, plus `offset`."""
         weights = [*self.weights[:-1], factor * self.weights[-1]]
         biases = [*self.biases[:-1], factor * self.biases[-1] + offset]
-        return Layers(weights, biases, self.activation, self.mean, self.scale)
+        return replace(self, weights=weights, biases=biases)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
@@ -258,10 +238,6 @@ def _ridge(ridge: Any, mean: Array, scale: Array) -> KernelSum:
 
 
 def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
-    if not hasattr(process, "alpha_"):
-        raise ModelError(
-            "estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one"
-        )
     factor, kernel, lengths = _covariance(process.kernel_)
     spread = float(np.ravel(process._y_train_std)[0])
     offset = float(np.ravel(process._y_train_mean)[0])

@@ -5,7 +5,7 @@ There are two variants: equations 2.4 to 2.8 of the EPFL report, or one mixture 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 import casadi as ca
@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import (
     LARGEST_SEED,
+    Progress,
     check_kind,
     check_number,
     check_whole,
     check_word,
     numbers_of,
+    unseen,
 )
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.learning.mixtures import MixtureRegression, Prediction, em, estimate, mixture_of
+from ergoqp.learning.mixtures import MixtureRegression, Prediction, estimate, mixture_of
 from ergoqp.learning.pipelines import check_radians, named
 
 if TYPE_CHECKING:
@@ -165,8 +167,8 @@ class Gmr(LearnedCost):
         lowest = float(data.labels.min())
         if not per_score:
             columns = np.column_stack([data.points, data.labels])
-            mixture = em(columns, count, seed, covariance, regularisation, "kmeans")
-            return cls(mixture, data.coordinates, lowest, **options)
+            found = estimate(columns, count, seed, covariance, regularisation, "kmeans")
+            return cls(mixture_of(found), data.coordinates, lowest, **options)
         mixture = _per_score(data, count, seed, covariance, regularisation)
         plain = cls(mixture, data.coordinates, lowest, **options)
         slope, offset = np.polyfit(plain.predict(data.points), data.labels, 1)
@@ -231,9 +233,7 @@ class Gmr(LearnedCost):
         cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
-        mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
-        options = {name: settings[name] for name in ("variant", "temperatures", "shares")}
-        return cls(mixture, coordinates, minimum, **options)
+        return cls(MixtureRegression(**arrays), coordinates, minimum, **settings)
 
 
 def bic_curve(
@@ -243,7 +243,7 @@ def bic_curve(
     *,
     covariance: Covariance = "full",
     regularisation: float = 1e-3,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = unseen,
 ) -> NDArray[np.float64]:
     """Return the Bayesian information criterion of joint mixtures over (inputs, score).
 
@@ -271,8 +271,7 @@ def bic_curve(
     for count, done in zip(counts, work, strict=True):
         found = estimate(columns, count, seed, covariance, regularisation, "kmeans")
         values.append(found.bic(columns))
-        if progress is not None:
-            progress(float(done / work[-1]))
+        progress(float(done / work[-1]))
     return np.array(values)
 
 
@@ -292,7 +291,7 @@ def _per_score(
         # k-means++ seeds without Lloyd iterations: the Gaussians of one score overlap, and
         # clusters would separate them.
         points = data.points[data.labels == score]
-        part = em(points, own, seed, covariance, regularisation, "k-means++")
+        part = mixture_of(estimate(points, own, seed, covariance, regularisation, "k-means++"))
         weights.append(part.weights * size / len(data))
         means.append(np.column_stack([part.means, np.full(own, score)]))
         covariances.append(np.pad(part.covariances, ((0, 0), (0, 1), (0, 1))))

@@ -30,7 +30,7 @@ not the direction.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Final, Self
 
@@ -38,7 +38,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import check_kind, check_number
+from ergoqp.arguments import Progress, check_kind, check_number, unseen
 from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
@@ -151,7 +151,7 @@ class OneClassLadder(LearnedCost):
         gamma: float | None = None,
         steepness: float = 6.0,
         pull: float = 0.3,
-        progress: Callable[[float], None] | None = None,
+        progress: Progress = unseen,
     ) -> Self:
         """Fit one boundary to the points of each label.
 
@@ -190,15 +190,12 @@ class OneClassLadder(LearnedCost):
         rungs = []
         for number, score in enumerate(scores):
             rungs.append(_rung(data.part(data.labels == score), nu, choices))
-            if progress is not None:
-                progress((number + 1) / len(scores))
-        plain = cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
-        _, far = plain._terms(data.points)
-        reach = float(np.percentile(far, _FAR))
-        counted = cls(rungs, scores.tolist(), data.coordinates, 0.0, steepness, pull, reach=reach)
-        fitted = {"reach": reach, **_calibrated(counted._below(data.points), data.labels)}
-        lowest = min(float(scores[0]), fitted["offset"])
-        return cls(rungs, scores.tolist(), data.coordinates, lowest, steepness, pull, **fitted)
+            progress((number + 1) / len(scores))
+        made = cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
+        made.reach = float(np.percentile(made._terms(data.points)[1], _FAR))
+        made.curve, made.height, made.offset = _calibrated(made._below(data.points), data.labels)
+        made.minimum = min(made.minimum, made.offset)
+        return made
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d)."""
@@ -275,15 +272,15 @@ class OneClassLadder(LearnedCost):
         return cls(rungs, *terms, **settings["fitted"])
 
 
-def _calibrated(below: Array, labels: Array) -> dict[str, float]:
+def _calibrated(below: Array, labels: Array) -> tuple[float, float, float]:
     """Return the curve, height and offset that fit the labels best in the least-squares sense."""
-    best, least = {}, np.inf
+    best, least = (0.0, 0.0, 0.0), np.inf
     for curve in _CURVES:
         bent = _bent(below, curve)
         height, offset = np.polyfit(bent, labels, 1)
         error = float(np.mean((offset + height * bent - labels) ** 2))
         if error < least:
-            best, least = {"curve": curve, "height": float(height), "offset": float(offset)}, error
+            best, least = (curve, float(height), float(offset)), error
     return best
 
 

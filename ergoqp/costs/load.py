@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import LARGEST_SEED, check_whole
+from ergoqp.arguments import LARGEST_SEED, Progress, check_whole, unseen
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import InputError, ModelError, last_line
@@ -132,14 +132,10 @@ def spearman(first: NDArray, second: NDArray) -> float:
 
     Ties get their mean rank. A constant sequence gives 0.
     """
-    ranks = []
-    for values in (first, second):
-        _, group, size = np.unique(values, return_inverse=True, return_counts=True)
-        if len(size) == 1:
-            return 0.0
-        last = np.cumsum(size)
-        ranks.append((last - (size - 1) / 2)[group])
-    return float(np.corrcoef(*ranks)[0, 1])
+    from scipy.stats import rankdata
+
+    ranks = [rankdata(values) for values in (first, second)]
+    return float(np.corrcoef(*ranks)[0, 1]) if all(map(np.ptp, ranks)) else 0.0
 
 
 def cross_validate(
@@ -147,7 +143,7 @@ def cross_validate(
     data: DataSet,
     folds: int,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = unseen,
 ) -> tuple[NDArray[np.float64], list[Quality]]:
     """Fit to all folds but one and predict that one, for each fold.
 
@@ -176,8 +172,7 @@ def cross_validate(
         cost = fit(data.part(~held))
         values[held] = cost.predict(data.points[held])
         found.append(quality_of(values[held], data.labels[held]))
-        if progress is not None:
-            progress((number + 1) / folds)
+        progress((number + 1) / folds)
     return values, found
 
 

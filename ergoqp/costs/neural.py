@@ -24,6 +24,7 @@ from typing import Any, Final, Self, Unpack
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from ergoqp.arguments import MOST_WHOLE, check_kind, check_number, check_whole, shown
 from ergoqp.coordinates import SCORED_JOINTS
@@ -174,12 +175,6 @@ def layers_of(net: Network, steps: NDArray) -> list[NDArray]:
     return values
 
 
-def shares_of(z: NDArray) -> NDArray:
-    """Return the probability (n, classes) of each class from the log class weights."""
-    weights = np.exp(z - z.max(axis=1, keepdims=True))
-    return weights / weights.sum(axis=1, keepdims=True)
-
-
 def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
     """Return the derivative of the mean cross-entropy with respect to every parameter.
 
@@ -187,7 +182,7 @@ def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
     """
     steps = steps_of(net, points)
     values = layers_of(net, steps)
-    back = shares_of(values.pop())
+    back = softmax(values.pop(), axis=1)
     back[np.arange(len(back)), classes] -= 1
     back /= np.float32(len(back))
     slopes: Network = {}
@@ -457,7 +452,7 @@ class Neural(LearnedCost):
 
     def _expected(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         z = layers_of(self.network, steps_of(self.network, points))[-1]
-        return shares_of(z / self.temperature) @ self.scores
+        return softmax(z / self.temperature, axis=1) @ self.scores
 
     def value(self, x: ca.MX) -> ca.MX:
         """Return the expected score, a scalar expression of the inputs (d,)."""

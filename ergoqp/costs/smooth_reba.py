@@ -97,11 +97,6 @@ def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
     return {score: _sum(found[score]) for score in sorted(found)}
 
 
-def certain(score: int) -> Distribution:
-    """Return the distribution of a known score."""
-    return {score: ca.SX(1)}
-
-
 def any_of(conditions: Sequence[Distribution]) -> Distribution:
     """Return the distribution of one point for any of independent conditions (each on 0 and 1)."""
     none = conditions[0][0]
@@ -355,7 +350,7 @@ class _Reading:
     def _segment(self, segment: Segment, q: ca.SX, tau: float | ca.SX, side: str) -> Distribution:
         points = segment.start
         if segment.skipped_by is not None and self.task.flag(segment.skipped_by):
-            scores = certain(0)
+            scores = {0: ca.SX(1)}
         elif segment.worse_side:
             scores = worse(
                 *(of_step(segment.base, q[segment.joint(segment.base, s)], tau) for s in SIDES)

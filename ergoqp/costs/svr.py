@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal, Protocol, Self, TypeVar, get_args, runtime_checkable
+from typing import Any, Final, Literal, Self, TypeVar, get_args
 
 import casadi as ca
 import numpy as np
@@ -79,10 +79,6 @@ class Reduction:
     largest: float
     points: int
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the numbers by name."""
-        return asdict(self)
-
     def __str__(self) -> str:
         """Return the difference as one line."""
         return (
@@ -91,32 +87,39 @@ class Reduction:
         )
 
 
-def read_reduction(settings: Settings) -> Reduction | None:
-    """Return the reduction in the settings of a cost, if there is one."""
-    found = settings["reduction"]
-    return None if found is None else Reduction(**found)
-
-
-@runtime_checkable
-class KernelCost(Protocol):
-    """A cost that is one sum of kernels of some features.
+class KernelCost(LearnedCost):
+    """A cost that may be one sum of kernels of some features.
 
     Attributes:
-        model: the sum.
+        model: the sum, or another model.
+        reduction: how a reduced set of kernels differs from the full one; None for a full set.
     """
 
-    @property
-    def model(self) -> Any:
-        """The sum of kernels."""
-        ...
+    def __init__(
+        self,
+        model: Any,
+        coordinates: Sequence[str],
+        minimum: float,
+        reduction: Reduction | None = None,
+    ) -> None:
+        """Keep the model."""
+        super().__init__(coordinates, minimum)
+        self.model, self.reduction = model, reduction
 
     def seen(self, points: Array) -> Array:
-        """Return the features (n, m) of inputs (n, d) that the kernels use."""
-        ...
+        """Return the features (n, m) of inputs (n, d) that the model uses: the inputs."""
+        return points
+
+    def predict(self, points: Array) -> Array:
+        """Return V (n,) of inputs (n, d)."""
+        return self.model.values(self.seen(points))
 
     def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
-        """Return the same cost with another sum."""
-        ...
+        """Return the same cost with another sum of kernels."""
+        (settings, arrays), (kernels, centres) = self.parts(), model.parts()
+        settings |= {**kernels, "reduction": asdict(reduction)}
+        names = self.coordinates.names
+        return self.from_parts(settings, arrays | centres, names, self.minimum)
 
 
 Kind = TypeVar("Kind", bound=KernelCost)
@@ -143,7 +146,7 @@ def reduced(
             there are too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
-    full = cost.model if isinstance(cost, KernelCost) else None
+    full = getattr(cost, "model", None)
     if not isinstance(full, KernelSum):
         raise ModelError(
             f"reduce: got a {type(cost).__name__}, allowed a cost that is a sum of kernels"
@@ -163,11 +166,13 @@ def reduced(
         )
     points = cost.seen(data.points)
     target = full.values(points)
-    centres = (
-        _clusters(full, count, seed)
-        if method == "clusters"
-        else full.centres[np.argsort(-np.abs(full.weights))[:count]]
-    )
+    if method == "clusters":
+        means = sklearn("cluster", "reducing a kernel cost").MiniBatchKMeans(
+            count, random_state=seed, n_init=1, batch_size=4096, max_iter=20
+        )
+        centres = means.fit(full.centres, sample_weight=np.abs(full.weights)).cluster_centers_
+    else:
+        centres = full.centres[np.argsort(-np.abs(full.weights))[:count]]
     basis = KernelSum(full.kernel, centres, np.ones(count), 0.0, full.mean, full.scale)
     weights, bias = _least_squares(basis, points, target)
     small = KernelSum(full.kernel, centres, weights, bias, full.mean, full.scale)
@@ -181,13 +186,6 @@ def reduced(
         len(data),
     )
     return cost.with_model(small, difference), difference
-
-
-def _clusters(full: KernelSum, count: int, seed: int) -> Array:
-    means = sklearn("cluster", "reducing a kernel cost").MiniBatchKMeans(
-        count, random_state=seed, n_init=1, batch_size=4096, max_iter=20
-    )
-    return means.fit(full.centres, sample_weight=np.abs(full.weights)).cluster_centers_
 
 
 def _least_squares(basis: KernelSum, points: Array, target: Array) -> tuple[Array, float]:
@@ -228,7 +226,7 @@ _CACHE_MB: Final = 500
 """Memory that the fit may use for kernel values [MB]."""
 
 
-class Svr(LearnedCost):
+class Svr(KernelCost):
     """V(q) by support vector regression with radial kernels.
 
     Attributes:
@@ -268,8 +266,8 @@ class Svr(LearnedCost):
         Raises:
             ModelError: if the number of features is not the number that the kernels need.
         """
-        super().__init__(coordinates, minimum)
-        self.features, self.model, self.reduction = features, model, reduction
+        super().__init__(model, coordinates, minimum, reduction)
+        self.features = features
         if len(features) != len(model.scale):
             raise ModelError(
                 f"svr: got {len(features)} features, allowed {len(model.scale)}, as many as the"
@@ -358,14 +356,6 @@ class Svr(LearnedCost):
         """Return the features (n, m) of inputs (n, d)."""
         return self.features.values(points)
 
-    def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
-        """Return the same cost with another sum of kernels."""
-        return type(self)(self.features, model, self.coordinates.names, self.minimum, reduction)
-
-    def predict(self, points: Array) -> Array:
-        """Return V (n,) of inputs (n, d)."""
-        return self.model.values(self.seen(points))
-
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, an expression of the inputs (d,)."""
         return self.model.expression(self.features.expression(x))
@@ -379,14 +369,14 @@ class Svr(LearnedCost):
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression: the slope of the kernels, through the features."""
         seen = self.features.expression(x)
-        return ca.jtimes(seen, x, self.model.slope(seen), True)
+        return ca.jtimes(seen, x, self.model.value_and_slope(seen)[1], True)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         settings, arrays = self.model.parts()
         of_features, more = self.features.parts()
         settings["features"] = of_features
-        settings["reduction"] = None if self.reduction is None else self.reduction.as_dict()
+        settings["reduction"] = self.reduction and asdict(self.reduction)
         return settings, arrays | more
 
     @classmethod
@@ -396,7 +386,8 @@ class Svr(LearnedCost):
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         features = features_from(settings["features"], arrays)
         model = KernelSum.from_parts(settings, arrays)
-        return cls(features, model, coordinates, minimum, read_reduction(settings))
+        reduction = settings["reduction"] and Reduction(**settings["reduction"])
+        return cls(features, model, coordinates, minimum, reduction)
 
 
 def _candidates(
@@ -431,9 +422,9 @@ def _metric(
         spread = seen.std(axis=0)
         part = part_of(progress, (number - 1) / len(candidates), number / len(candidates))
         unit = (seen - seen.mean(axis=0)) / spread
-        found = relevance(unit, data.labels, seed, progress=part)
-        kept = found.slopes >= min(_SILENT * data.labels.std(), found.slopes.max())
-        if found.cost < lowest:
-            best, lowest = features.part(np.flatnonzero(kept).tolist()), found.cost
-            scale = (spread / np.sqrt(found.factors))[kept]
+        factors, slopes, cost = relevance(unit, data.labels, seed, progress=part)
+        kept = slopes >= min(_SILENT * data.labels.std(), slopes.max())
+        if cost < lowest:
+            best, lowest = features.part(np.flatnonzero(kept).tolist()), cost
+            scale = (spread / np.sqrt(factors))[kept]
     return best, scale

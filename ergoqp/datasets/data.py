@@ -196,19 +196,13 @@ def _numbers(path: Path, line: int, row: list[str], width: int) -> list[float]:
         raise ModelError(
             f"{path.name}: line {line} has {len(row)} entries, allowed {width}, as in the header"
         )
-    try:
-        return [float(entry) for entry in row]
-    except ValueError:
-        wrong = next(entry for entry in row if not _is_number(entry))
-        raise ModelError(f"{path.name}: line {line} holds {wrong!r}, allowed numbers") from None
-
-
-def _is_number(entry: str) -> bool:
-    try:
-        float(entry)
-    except ValueError:
-        return False
-    return True
+    numbers = []
+    for entry in row:
+        try:
+            numbers.append(float(entry))
+        except ValueError:
+            raise ModelError(f"{path.name}: line {line} holds {entry!r}, allowed numbers") from None
+    return numbers
 
 
 def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]) -> DataSet:

@@ -13,14 +13,14 @@ of the sheet, or those of the EPFL report's simplified rules.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import Any, Final, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import check_whole
+from ergoqp.arguments import Progress, are_shares, check_whole, unseen
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.datasets.data import DataSet, cached_data
 from ergoqp.errors import InputError
@@ -38,6 +38,8 @@ from ergoqp.sheets.options import (
     read_task,
     sheet_of,
 )
+
+Array = NDArray[np.float64]
 
 _CLEAR: Final = 2 * TIE
 """Drawn angles keep this distance from band ends, so that the tie rule never matters [rad]."""
@@ -92,16 +94,6 @@ def sheet_sampler(
     return BalancedSampler(sheet, task, method.arms, method.final_max, LOWER, UPPER, joints)
 
 
-def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
-    """Return a sampler of the simplified sheet, in the ranges of that sheet.
-
-    See :mod:`ergoqp.sheets.interval`.
-    """
-    sheet, ranges = interval_sheet(), interval_ranges()
-    task = read_task(sheet, None, {})
-    return BalancedSampler(sheet, task, "segments", FINAL_MAX, *ranges, joints)
-
-
 class BalancedSampler:
     """Draws postures of wanted scores.
 
@@ -138,8 +130,20 @@ class BalancedSampler:
         self._lower, self._upper = np.where(drawn, lower, 0.0), np.where(drawn, upper, 0.0)
         parts = [(segment, "") for segment in sheet.of_table("A")]
         parts += [(segment, side) for side in SIDES for segment in sheet.of_table("B")]
-        bands = [_bands(segment, side, task, self._lower, self._upper) for segment, side in parts]
-        self._law = _law(sheet, bands, task, arms, final_max)
+        self._bands = [_Bands(each, side, task, self._lower, self._upper) for each, side in parts]
+        # All combinations of segment scores: their probabilities and final scores.
+        counts = [bands.count for bands in self._bands]
+        grid = np.meshgrid(*(np.arange(1, len(c), dtype=np.int8) for c in counts), indexing="ij")
+        cells = [axis.ravel() for axis in grid]
+        shares = [(c / c.sum())[score] for c, score in zip(counts, cells, strict=True)]
+        self._scores, self._chance = np.stack(cells, axis=1), np.prod(shares, axis=0)
+        a, right, left = cells[:3], cells[3:6], cells[6:]
+        if arms == "whole":
+            table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
+        else:
+            table_b = look_up(sheet, "B", *map(np.maximum, right, left))
+        table_a = look_up(sheet, "A", *a)
+        self._final = score_final(sheet, table_a, table_b, task.points, final_max)
 
     def draw(
         self, per_score: int, rng: np.random.Generator, scores: Sequence[int] = range(1, 11)
@@ -163,16 +167,27 @@ class BalancedSampler:
         if not len(scores):
             raise InputError("scores: got none, allowed: one or more final scores")
         labels = np.repeat(np.asarray(scores, dtype=np.int64), per_score)
-        cells = np.concatenate(
-            [self._law.draw_cells(int(score), per_score, rng) for score in scores]
-        )
+        cells = np.concatenate([self._cells(int(score), per_score, rng) for score in scores])
         order = rng.permutation(len(labels))
         postures = rng.uniform(self._lower, self._upper, (len(labels), len(JOINTS)))
-        self._law.draw_angles(cells[order], postures, rng)
+        for bands, score in zip(self._bands, self._scores[cells[order]].T, strict=True):
+            pick = bands.first[score] + rng.integers(bands.count[score])
+            postures[:, bands.joints] = rng.uniform(bands.low[pick], bands.high[pick])
         return postures, labels[order]
 
+    def _cells(self, score: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Draw combinations of one final score, by their probabilities."""
+        cells = np.flatnonzero((self._final == score) & (self._chance > 0))
+        if not len(cells):
+            reachable = sorted(set(self._final[self._chance > 0].tolist()))
+            known = ", ".join(map(str, reachable))
+            raise InputError(f"scores: got {score}, allowed under these options: {known}")
+        cumulative = np.cumsum(self._chance[cells])
+        return cells[
+            np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")
+        ]
 
-@dataclass(frozen=True, eq=False)
+
 class _Bands:
     """The bands of one segment on one side: all combinations, sorted by the score of the segment.
 
@@ -184,88 +199,22 @@ class _Bands:
         count: number of combinations of score k, indexed by k.
     """
 
-    joints: list[int]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class _Law:
-    """The probabilities of the drawn bands: a table of all combinations of segment scores.
-
-    Attributes:
-        bands: bands per segment and side.
-        scores: segment scores of each cell, shape (cells, segments and sides).
-        chance: probability of each cell.
-        final: final score of each cell.
-    """
-
-    bands: list[_Bands]
-    scores: NDArray[np.int8]
-    chance: NDArray[np.float64]
-    final: NDArray[np.int8]
-
-    def draw_cells(self, score: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Draw cells of one final score, by their probabilities."""
-        cells = np.flatnonzero((self.final == score) & (self.chance > 0))
-        if not len(cells):
-            reachable = sorted(set(self.final[self.chance > 0].tolist()))
-            known = ", ".join(map(str, reachable))
-            raise InputError(f"scores: got {score}, allowed under these options: {known}")
-        cumulative = np.cumsum(self.chance[cells])
-        return cells[
-            np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")
-        ]
-
-    def draw_angles(
-        self, cells: NDArray[np.int64], postures: NDArray[np.float64], rng: np.random.Generator
-    ) -> None:
-        """Draw the scoring joints of postures (n, 32), each in its cell [rad]."""
-        for bands, score in zip(self.bands, self.scores[cells].T, strict=True):
-            pick = bands.first[score] + rng.integers(bands.count[score])
-            postures[:, bands.joints] = rng.uniform(bands.low[pick], bands.high[pick])
-
-
-def _law(
-    sheet: Sheet,
-    bands: list[_Bands],
-    task: Task,
-    arms: Literal["whole", "segments"],
-    final_max: int,
-) -> _Law:
-    marginals = [b.count / b.count.sum() for b in bands]
-    grid = np.meshgrid(*(np.arange(1, len(b.count), dtype=np.int8) for b in bands), indexing="ij")
-    scores = [axis.ravel() for axis in grid]
-    pairs = zip(marginals, scores, strict=True)
-    chance = np.prod([marginal[score] for marginal, score in pairs], axis=0)
-    a, right, left = scores[:3], scores[3:6], scores[6:]
-    if arms == "whole":
-        table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
-    else:
-        table_b = look_up(sheet, "B", *map(np.maximum, right, left))
-    final = score_final(sheet, look_up(sheet, "A", *a), table_b, task.points, final_max)
-    return _Law(bands, np.stack(scores, axis=1), chance, final)
-
-
-def _bands(
-    segment: Segment, side: str, task: Task, lower: NDArray[np.float64], upper: NDArray[np.float64]
-) -> _Bands:
-    joints, choices = [], []
-    for step in segment.steps:
-        for joint_side in SIDES if segment.worse_side and step is segment.base else (side,):
-            joint = segment.joint(step, joint_side)
-            joints.append(joint)
-            choices.append(_choices(step.edges, lower[joint], upper[joint]))
-    ends = np.array(list(itertools.product(*choices)))  # (combinations, joints, 2)
-    # The exact score of a combination is computed from the sheet, so no rule is written twice.
-    angles = np.zeros((len(JOINTS), len(ends)))
-    angles[joints] = ends.mean(axis=2).T
-    score = score_segment(segment, angles, task, side)
-    order = np.argsort(score, kind="stable")
-    count = np.bincount(score, minlength=segment.highest + 1)
-    return _Bands(joints, ends[order, :, 0], ends[order, :, 1], np.cumsum(count) - count, count)
+    def __init__(self, segment: Segment, side: str, task: Task, lower: Array, upper: Array) -> None:
+        joints, choices = [], []
+        for step in segment.steps:
+            for joint_side in SIDES if segment.worse_side and step is segment.base else (side,):
+                joint = segment.joint(step, joint_side)
+                joints.append(joint)
+                choices.append(_choices(step.edges, lower[joint], upper[joint]))
+        ends = np.array(list(itertools.product(*choices)))  # (combinations, joints, 2)
+        # The exact score of a combination is computed from the sheet, so no rule is written twice.
+        angles = np.zeros((len(JOINTS), len(ends)))
+        angles[joints] = ends.mean(axis=2).T
+        score = score_segment(segment, angles, task, side)
+        order = np.argsort(score, kind="stable")
+        count = np.bincount(score, minlength=segment.highest + 1)
+        self.joints, self.low, self.high = joints, ends[order, :, 0], ends[order, :, 1]
+        self.first, self.count = np.cumsum(count) - count, count
 
 
 def _choices(edges: Sequence[float], lower: float, upper: float) -> list[tuple[float, float]]:
@@ -302,7 +251,7 @@ def posture_data(
     joints: Sequence[str] = REPORT_JOINTS,
     scores: Sequence[int] = range(1, 11),
     cache: bool = True,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = unseen,
     method: Method | None = None,
     **task: Unpack[TaskOptions],
 ) -> DataSet:
@@ -351,8 +300,7 @@ def posture_data(
             postures, drawn = sampler.draw(min(per_block, per_score - first), rng, scores)
             points.append(postures[:, coordinates.indices])
             found.append(drawn)
-            if progress is not None:
-                progress(min(1.0, (first + per_block) / per_score))
+            progress(min(1.0, (first + per_block) / per_score))
         wanted = f"{per_score} postures of each score {', '.join(map(str, scores))}"
         options = "".join(f", {name} {value}" for name, value in task.items())
         source = f"{labels}: {wanted}, {len(coordinates)} joints, seed {seed}{options}"
@@ -364,8 +312,7 @@ def posture_data(
     asked = {"version": _VERSION, "rules": rules, "per_score": per_score, "seed": seed}
     asked |= {"scores": list(scores), "joints": coordinates.names, "task": task}
     data = cached_data("postures", asked, make)
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     return data
 
 
@@ -391,17 +338,7 @@ def interval_labels(points: ArrayLike, joints: Sequence[str] = REPORT_JOINTS) ->
         >>> interval_labels(np.zeros((2, 20))).tolist()
         [1, 1]
     """
-    return score_interval(_spread(points, joints))
-
-
-def _spread(points: ArrayLike, joints: Sequence[str]) -> NDArray[np.float64]:
-    coordinates, rows = Coordinates(joints), np.atleast_2d(np.asarray(points, dtype=float))
-    if rows.ndim != 2 or rows.shape[1] != len(coordinates):
-        raise InputError(
-            f"points: got shape {rows.shape}, allowed (n, {len(coordinates)}):"
-            f" {', '.join(coordinates.names)}"
-        )
-    return coordinates.spread(rows)
+    return score_interval(Coordinates(joints).spread(points))
 
 
 def _sampler(
@@ -420,7 +357,10 @@ def _sampler(
             " rules have none"
         )
     sheets = [load_description("reba"), load_description("interval")]
-    return interval_sampler(joints), {"sheet": sheets, "ranges": [LOWER, UPPER]}
+    sheet = interval_sheet()
+    no_task = read_task(sheet, None, {})
+    sampler = BalancedSampler(sheet, no_task, "segments", FINAL_MAX, *interval_ranges(), joints)
+    return sampler, {"sheet": sheets, "ranges": [LOWER, UPPER]}
 
 
 def posture_stream(
@@ -469,11 +409,7 @@ def posture_stream(
     taus, shares = np.asarray(taus_deg, dtype=float), np.asarray(weights, dtype=float)
     if taus.ndim != 1 or not (np.isfinite(taus) & (taus >= 0)).all():
         raise InputError(f"taus_deg: got {taus_deg!r}, allowed scales of 0 deg or more")
-    if (
-        shares.shape != taus.shape
-        or not (shares >= 0).all()
-        or (taus.size and not np.isclose(shares.sum(), 1))
-    ):
+    if shares.shape != taus.shape or (taus.size and not are_shares(shares, taus.size)):
         raise InputError(
             f"weights: got {weights!r}, allowed one per tau ({taus.size}), not negative, adding up"
             " to 1"

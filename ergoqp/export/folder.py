@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import shutil
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from ergoqp._version import __version__
 from ergoqp.arguments import path_of, read_array
 from ergoqp.errors import InputError
 from ergoqp.export.layout import (
+    defines,
     header,
     input_fields,
     memory_header,
@@ -26,13 +26,14 @@ from ergoqp.files.atomic import atomic_directory
 from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.native.compiled import (
+    CompilerError,
     NativeDaqp,
     c_text,
     compiler,
     daqp_archive,
     daqp_include,
-    daqp_licence,
     generated,
+    licence_of,
     sizes_source,
 )
 from ergoqp.problem.problem import Problem
@@ -162,9 +163,14 @@ def export_step(
         "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory, guided),
         "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory, guided),
         "README.md": _filled("README.md", problem, memory, guided),
-        "daqp/LICENSE": daqp_licence(),
+        "daqp/LICENSE": licence_of("daqp"),
     }
-    if licence := _own_licence():
+    if not texts["daqp/LICENSE"]:
+        raise CompilerError(
+            "DAQP's licence: the package 'daqp' has no LICENSE; install it as published:"
+            " `pip install daqp`"
+        )
+    if licence := licence_of("ergoqp"):
         texts["LICENSE"] = licence
     with atomic_directory(folder) as scratch:
         for name, text in texts.items():
@@ -211,18 +217,6 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
 
 def stepper_bytes(problem: Problem, memory: str) -> int:
     """Return an upper bound of the size of an ``ergoqp_stepper`` [bytes] from its memory header."""
-    found = {
-        words[1]: int(words[2])
-        for words in map(str.split, memory.splitlines())
-        if len(words) == 3 and words[2].isdigit()
-    }
+    found = defines(memory)
     kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
     return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2 + 18 * ("ERGOQP_TRIAL" in found))
-
-
-def _own_licence() -> str:
-    try:
-        found = [file for file in distribution("ergoqp").files or [] if file.name == "LICENSE"]
-    except PackageNotFoundError:
-        return ""
-    return found[0].read_text(encoding="utf-8") if found else ""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ergoqp._version import __version__
+from ergoqp.expressions import slices
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import Cause, Fault, Status
@@ -314,8 +315,11 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
         "#define ERGOQP_MEMORY_H",
         "",
     ]
+    found = {
+        name[name.index("_SZ_") :]: size for name, size in defines(core).items() if "_SZ_" in name
+    }
     lines += [
-        f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")
+        f"#define ERGOQP_SZ_{kind} {found[f'_SZ_{kind}']}" for kind in ("ARG", "RES", "IW", "W")
     ]
     history, initial = model.history, _listed(state_at_start(model))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
@@ -343,18 +347,12 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     if guide is not None:
         first = _listed(np.array([*guide.pose.T.ravel(), 1.0, guide.expected]))
         lines += [f"#define ERGOQP_GUIDE {first}", f"#define ERGOQP_TRIAL {TRIAL}", ""]
-    found = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
-    for word, names, each in (("INPUT", inputs, sizes), ("OUTPUT", found, outputs)):
-        starts = [
-            sum(each.get(before, 1) for before in names[:number])
-            for number in range(len(names) + 1)
-        ]
-        lines += [
-            f"#define ERGOQP_{word}_AT_{name} {start}"
-            for name, start in zip(names, starts[:-1], strict=True)
-        ]
-        lines += [f"#define ERGOQP_{word}_STARTS {', '.join(map(str, starts[:-1]))}"]
-        lines += [f"#define ERGOQP_{word}_DOUBLES {starts[-1]}", ""]
+    results = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
+    for word, names, each in (("INPUT", inputs, sizes), ("OUTPUT", results, outputs)):
+        starts = {name: at.start for name, at in slices({n: each.get(n, 1) for n in names}).items()}
+        lines += [f"#define ERGOQP_{word}_AT_{name} {start}" for name, start in starts.items()]
+        lines += [f"#define ERGOQP_{word}_STARTS {', '.join(map(str, starts.values()))}"]
+        lines += [f"#define ERGOQP_{word}_DOUBLES {sum(each.get(n, 1) for n in names)}", ""]
     return "\n".join([*lines, "#endif", ""])
 
 
@@ -389,9 +387,11 @@ def _listed(numbers: np.ndarray) -> str:
     return ", ".join(map(repr, numbers.tolist()))
 
 
-def _macro(core: str, kind: str) -> int:
-    return next(
-        int(line.split()[-1])
-        for line in core.splitlines()
-        if line.startswith("#define") and f"_SZ_{kind} " in line
-    )
+def defines(source: str) -> dict[str, int]:
+    """Return the whole numbers that a header of C defines, by name."""
+    lines = map(str.split, source.splitlines())
+    return {
+        words[1]: int(words[2])
+        for words in lines
+        if len(words) == 3 and words[0] == "#define" and words[2].isdigit()
+    }

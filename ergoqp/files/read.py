@@ -147,14 +147,13 @@ _UNREADABLE: Final = (
     EOFError,
     AttributeError,
     TypeError,
-    NotImplementedError,
     zipfile.BadZipFile,
     zlib.error,
     MemoryError,
     OverflowError,
     SyntaxError,
-    RecursionError,  # from a header that is not valid
-    RuntimeError,  # an encrypted zip, or a compression that Python does not know
+    # an encrypted zip, a compression that Python does not know, or a header that is not valid
+    RuntimeError,
 )
 
 

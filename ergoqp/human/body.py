@@ -137,6 +137,7 @@ class Body:
             # Show few digits in the message: a stature from measured lengths has many.
             check_number("stature", round(self.stature, 3), low, high, "m")
         check_number("stature", self.stature, low, high, "m")
+        object.__setattr__(self, "stature", float(self.stature))
         check_kind("segment lengths", self.lengths, Mapping, _LENGTHS)
         if unknown := [name for name in self.lengths if name not in FRACTIONS]:
             raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
@@ -154,14 +155,14 @@ class Body:
         check_real("mass", self.mass, "kilograms")
         mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
         check_number("mass", mass, *MASS_RANGE, "kg")
-        object.__setattr__(self, "mass", mass)
+        object.__setattr__(self, "mass", float(mass))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the body as plain numbers, for files."""
         return {
-            "stature_m": float(self.stature),
-            "mass_kg": float(self.mass),
-            "lengths_m": {name: float(length) for name, length in self.lengths.items()},
+            "stature_m": self.stature,
+            "mass_kg": self.mass,
+            "lengths_m": dict(self.lengths),
         }
 
     @classmethod
@@ -203,11 +204,40 @@ class Body:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """Scaled MuJoCo model: base x, y, z, yaw, then the 32 hinges in the order of `JOINTS`."""
-        return _scaled_spec(self).compile()
+        return self.spec().compile()
 
     def spec(self) -> mujoco.MjSpec:
         """Return a new specification of the model, to add it to a larger one."""
-        return _scaled_spec(self)
+        girth = self.stature / NOMINAL_STATURE
+        factor = {
+            name: length / (FRACTIONS[name] * NOMINAL_STATURE)
+            for name, length in self.lengths.items()
+        }
+        factor["girth"] = girth
+
+        def scale_of(owner: str) -> np.ndarray:
+            key = owner.removeprefix("right_").removeprefix("left_")
+            return np.array(
+                [factor[name] for name in _SCALED_BY.get(key, ("girth", "girth", "girth"))]
+            )
+
+        spec = mujoco.MjSpec.from_string(_nominal_xml())
+        for child in spec.bodies[1:]:
+            scale = scale_of(child.parent.name)
+            if child.name.endswith("shoulder_flexion"):
+                scale[2] = factor["shoulder_height"]
+            child.pos = np.asarray(child.pos) * scale
+        for site in spec.sites:
+            site.pos = np.asarray(site.pos) * scale_of(site.parent.name)
+        for geom in spec.geoms:
+            scale = scale_of(geom.parent.name)
+            geom.mass *= self.mass / NOMINAL_MASS
+            geom.size = np.asarray(geom.size) * girth
+            if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
+                geom.fromto = np.asarray(geom.fromto) * np.tile(scale, 2)
+            else:
+                geom.pos = np.asarray(geom.pos) * scale
+        return spec
 
 
 def stature_of(lengths: Mapping[str, float]) -> float:
@@ -241,86 +271,47 @@ def _nominal_xml() -> str:
     return (data_folder("models") / "human.xml").read_text(encoding="utf-8")
 
 
-def _scaled_spec(body: Body) -> mujoco.MjSpec:
-    girth = body.stature / NOMINAL_STATURE
-    factor = {
-        name: length / (FRACTIONS[name] * NOMINAL_STATURE) for name, length in body.lengths.items()
-    }
-    factor["girth"] = girth
-
-    def scale_of(owner: str) -> np.ndarray:
-        key = owner.removeprefix("right_").removeprefix("left_")
-        return np.array([factor[name] for name in _SCALED_BY.get(key, ("girth", "girth", "girth"))])
-
-    spec = mujoco.MjSpec.from_string(_nominal_xml())
-    for child in spec.bodies[1:]:
-        scale = scale_of(child.parent.name)
-        if child.name.endswith("shoulder_flexion"):
-            scale[2] = factor["shoulder_height"]
-        child.pos = np.asarray(child.pos) * scale
-    for site in spec.sites:
-        site.pos = np.asarray(site.pos) * scale_of(site.parent.name)
-    for geom in spec.geoms:
-        scale = scale_of(geom.parent.name)
-        geom.mass *= body.mass / NOMINAL_MASS
-        geom.size = np.asarray(geom.size) * girth
-        if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
-            geom.fromto = np.asarray(geom.fromto) * np.tile(scale, 2)
-        else:
-            geom.pos = np.asarray(geom.pos) * scale
-    return spec
-
-
 GROWTH: Final[tuple[str, ...]] = ("stature", *FRACTIONS)
 """What may be larger than in the loaded body: everything at once, or one length."""
 
 _STEP: Final = 0.1
 
 
-@dataclass(frozen=True, eq=False)
 class Offsets:
     """Offsets of bodies and sites in their parents, as expressions [m].
 
-    Attributes:
-        body_model: the loaded body.
+    Args:
+        body: the loaded body.
         growth: relative growth (14,) in the order of `GROWTH`, or None for none.
-        slopes: derivatives of the offsets of bodies and of sites with respect to it (n, 3,
-            14).
     """
 
-    body_model: Body
-    growth: ca.SX | None
-    slopes: tuple[np.ndarray, np.ndarray]
-
-    @classmethod
-    def of(cls, body: Body, growth: ca.SX | None) -> Offsets:
-        """Return the offsets of a body. Their slopes are computed from larger bodies."""
+    def __init__(self, body: Body, growth: ca.SX | None) -> None:
+        """Compute the slopes of the offsets, (n, 3, 14) each, from larger bodies."""
+        self._model, self._growth = body.model, growth
         if growth is None:
-            return cls(body, None, (np.zeros(0), np.zeros(0)))
+            return
         here = _positions(body)
         slopes = [here]
         for name in FRACTIONS:
             lengths = dict(body.lengths) | {name: (1 + _STEP) * body.lengths[name]}
             larger = _positions(Body(body.stature, lengths, body.mass))
             slopes.append(((larger[0] - here[0]) / _STEP, (larger[1] - here[1]) / _STEP))
-        bodies, sites = (np.stack(parts, axis=-1) for parts in zip(*slopes, strict=True))
-        return cls(body, growth, (bodies, sites))
+        self._slopes = [np.stack(parts, axis=-1) for parts in zip(*slopes, strict=True)]
 
     def body(self, number: int) -> ca.SX:
         """Return the position of a body in its parent (3,) [m]."""
-        return self._grown(self.body_model.model.body_pos[number], 0, number)
+        return self._grown(self._model.body_pos[number], 0, number)
 
     def site(self, name: str) -> ca.SX:
         """Return the position of a site in its body (3,) [m]."""
-        model = self.body_model.model
-        number = model.site(name).id
-        return self._grown(model.site_pos[number], 1, number)
+        number = self._model.site(name).id
+        return self._grown(self._model.site_pos[number], 1, number)
 
     def _grown(self, nominal: np.ndarray, which: int, number: int) -> ca.SX:
-        if self.growth is None:
+        if self._growth is None:
             return ca.SX(ca.DM(nominal))
-        slope = self.slopes[which][number]
-        return ca.SX(ca.DM(nominal)) + ca.sparsify(ca.SX(ca.DM(slope))) @ self.growth
+        slope = self._slopes[which][number]
+        return ca.SX(ca.DM(nominal)) + ca.sparsify(ca.SX(ca.DM(slope))) @ self._growth
 
 
 def _positions(body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -385,7 +376,7 @@ class Kinematics:
     def __init__(self, body: Body, growth: ca.SX | None = None) -> None:
         """Read the tree of the loaded model."""
         self.body, self._growth = body, growth
-        self._offsets = Offsets.of(body, growth)
+        self._offsets = Offsets(body, growth)
         self._q = ca.SX.sym("q", len(JOINTS))
         self._bodies = _forward(body.model, self._offsets, self._q)
         self._functions: dict[str, ca.Function] = {}
@@ -403,22 +394,8 @@ class Kinematics:
         """
         if frame not in FRAMES:
             raise InputError(f"frame: got {frame!r}, allowed one of {', '.join(FRAMES)}")
-        if frame not in self._functions:
-            self._functions[frame] = self._build(frame)
-        return self._functions[frame]
-
-    def at(self, frame: str, q: Expression) -> tuple[Expression, Expression, Expression]:
-        """Return position (3,) [m], rotation (3, 3) and Jacobian (6, 32) of a frame.
-
-        They are those at the posture `q` (32,) [rad].
-        """
-        # If the body has a growth, growth and posture are symbols of the same type.
-        function, growth = self.function(frame), self._growth
-        frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
-        position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
-        return position, rotation, jacobian
-
-    def _build(self, frame: str) -> ca.Function:
+        if frame in self._functions:
+            return self._functions[frame]
         model = self.body.model
         site = model.site(frame)
         owner = int(site.bodyid[0])
@@ -431,9 +408,21 @@ class Kinematics:
             jacobian[3:, joint] = axis
         outputs = ca.cse([_clean(origin), orientation, _clean(jacobian)])
         given = {"q": self._q} | ({} if self._growth is None else {"growth": self._growth})
-        return ca.Function(
+        self._functions[frame] = ca.Function(
             frame, list(given.values()), outputs, list(given), ["position", "rotation", "jacobian"]
         )
+        return self._functions[frame]
+
+    def at(self, frame: str, q: Expression) -> tuple[Expression, Expression, Expression]:
+        """Return position (3,) [m], rotation (3, 3) and Jacobian (6, 32) of a frame.
+
+        They are those at the posture `q` (32,) [rad].
+        """
+        # If the body has a growth, growth and posture are symbols of the same type.
+        function, growth = self.function(frame), self._growth
+        frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
+        position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
+        return position, rotation, jacobian
 
 
 def base_jacobian(position: Expression) -> Expression:

@@ -24,8 +24,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.human import Body
-from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, Arm, arm_of, read_points
+from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, Arm
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.lab.forearm_models import forearm_data as forearm_data
 from ergoqp.lab.forearm_models import nearest_sample_cost as nearest_sample_cost
@@ -223,8 +224,8 @@ def true_posture(
     Raises:
         InputError: if the shape of the points is wrong.
     """
-    rows, method = read_points(points), read_method(method)
-    search = _Search(arm_of(body or Body()), boxes_of(method))
+    rows, method = Coordinates(FOREARM).rows(points), read_method(method)
+    search = _Search(Arm(body or Body()), boxes_of(method))
     postures = np.full((len(rows), len(JOINTS)), np.nan)
     length = np.linalg.norm(rows[:, 3:] - rows[:, :3], axis=1)
     fits = np.flatnonzero(np.abs(length - search.arm.fore) <= LENGTH_TOLERANCE)

@@ -31,14 +31,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.arguments import LARGEST_SEED, Progress, check_whole
-from ergoqp.coordinates import FOREARM
+from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.ladder import OneClassLadder
 from ergoqp.costs.svr import Svr, reduced
 from ergoqp.datasets.data import DataSet, cached_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, balanced_postures
 from ergoqp.human import Body
-from ergoqp.human.forearm import forearm_length, forearm_points, read_points
+from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.learning.kernels import Columns, Kernel, KernelSum
 from ergoqp.learning.one_class import OneClass
 from ergoqp.learning.pipelines import sklearn
@@ -132,7 +132,7 @@ def nearest_sample_cost(points: ArrayLike, data: DataSet) -> Array:
         points: shape (n, 6) [m].
         data: data with the same coordinates.
     """
-    rows = read_points(points)
+    rows = Coordinates(FOREARM).rows(points)
     squares, nearest = (data.points**2).sum(axis=1), np.empty(len(rows), dtype=int)
     for i in range(0, len(rows), 256):
         apart = squares - 2 * rows[i : i + 256] @ data.points.T

@@ -294,10 +294,6 @@ class KernelSum:
             slope += 2 * u * ca.sum1(pull)
         return ca.dot(self._weights, value) + self.bias, slope / ca.DM(self.scale)
 
-    def slope(self, x: ca.MX) -> ca.MX:
-        """Return the gradient (d,) at one point (d,), see `value_and_slope`."""
-        return self.value_and_slope(x)[1]
-
     def scaled(self, factor: float, offset: float) -> KernelSum:
         """Return `factor` times this sum, plus `offset`."""
         return replace(self, weights=factor * self.weights, bias=factor * self.bias + offset)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import softmax
 
 from ergoqp.arguments import are_shares
 from ergoqp.errors import ModelError
@@ -192,7 +193,7 @@ class Conditional:
         logs = self.log_densities(points)
         return np.sum(
             [
-                share * _softmax(logs / t)
+                share * softmax(logs / t, axis=1)
                 for t, share in zip(self.temperatures, self.shares, strict=True)
             ],
             axis=0,
@@ -237,7 +238,7 @@ class Conditional:
         # dh_k then cancels.
         weights = np.zeros_like(means)
         for temperature, share in zip(self.temperatures, self.shares, strict=True):
-            h = _softmax(logs / temperature)[:, :, np.newaxis]
+            h = softmax(logs / temperature, axis=1)[:, :, np.newaxis]
             weights += share / temperature * h * (means - (h * means).sum(axis=1, keepdims=True))
         switching = np.zeros_like(local)
         for k, (w, center) in enumerate(zip(self.whitening, self.inputs, strict=True)):
@@ -294,20 +295,8 @@ class Conditional:
         return rows
 
 
-def _softmax(logs: Array) -> Array:
-    shares = np.exp(logs - logs.max(axis=1, keepdims=True))
-    return shares / shares.sum(axis=1, keepdims=True)
-
-
 ROUNDS: Final = 300
 """Largest number of iterations of EM."""
-
-
-def em(
-    columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
-) -> MixtureRegression:
-    """Return the mixture fitted to rows of numbers, see `estimate`."""
-    return mixture_of(estimate(columns, count, seed, covariance, regularisation, start))
 
 
 def estimate(

@@ -122,8 +122,8 @@ class OneClass:
             centres[kept],
             weights[kept],
             -float(rho),
-            _vector(mean),
-            _vector(scale),
+            np.ravel(mean),
+            np.ravel(scale),
         )
         self.gamma = self._sum.kernel.gamma
         self.mean, self.scale = self._sum.mean, self._sum.scale
@@ -261,14 +261,9 @@ class OneClass:
         """
         return np.log(self.weights) - self.gamma * (self._sum.points**2).sum(axis=1)
 
-    @property
-    def margin_and_slope(self) -> ca.Function:
-        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices."""
-        return self._margin_and_slope
-
     @cached_property
-    def _margin_and_slope(self) -> ca.Function:
-        """Return the function of `margin_and_slope`.
+    def margin_and_slope(self) -> ca.Function:
+        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
 
         With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma
         (sum_i p_i s_i - u). The largest exponent is subtracted first, so that nothing
@@ -328,10 +323,6 @@ def _coordinates(names: Coordinates | Sequence[str]) -> Coordinates:
         if isinstance(names, Coordinates)
         else Coordinates(names_of("coordinates", names, "a list of names", ModelError))
     )
-
-
-def _vector(values: ArrayLike) -> Array:
-    return np.asarray(values, dtype=float).ravel()
 
 
 def _points(points: ArrayLike, width: int) -> Array:

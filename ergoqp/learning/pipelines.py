@@ -12,7 +12,6 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
@@ -217,23 +216,6 @@ _RANGE: Final = (-16.0, 6.0)
 """Range of the logarithms of the relevances."""
 
 
-@dataclass(frozen=True, eq=False)
-class Relevance:
-    """How much each column matters.
-
-    Attributes:
-        factors: r (d,) per squared unit of the column.
-        slopes: prior standard deviation of the slope of the label along each column, sqrt(2 r)
-            s (d,).
-        cost: negative log likelihood per point; the lower, the better the columns explain the
-            labels.
-    """
-
-    factors: Array
-    slopes: Array
-    cost: float
-
-
 def relevance(
     points: Array,
     labels: Array,
@@ -241,7 +223,7 @@ def relevance(
     count: int = 1000,
     rounds: int = 40,
     progress: Progress = unseen,
-) -> Relevance:
+) -> tuple[Array, Array, float]:
     """Find the relevance of each column on a random part of the data.
 
     Args:
@@ -253,15 +235,11 @@ def relevance(
         progress: called with the share that is done; the search may end early.
 
     Returns:
-        How much each column matters.
-
-    Raises:
-        MissingExtraError: if scipy, which comes with scikit-learn, is not installed.
+        r (d,) per squared unit of the column; the prior standard deviation of the slope of the
+        label along each column, sqrt(2 r) s (d,); and the negative log likelihood per point: the
+        lower, the better the columns explain the labels.
     """
-    try:
-        from scipy.optimize import minimize
-    except ImportError:
-        raise MissingExtraError("fitting a kernel cost", "learn", "scipy") from None
+    from scipy.optimize import minimize
 
     rows = np.random.default_rng(seed).permutation(len(labels))[:count]
     x, y = points[rows], labels[rows] - labels[rows].mean()
@@ -281,7 +259,7 @@ def relevance(
         callback=lambda at: progress(next(begun) / rounds),
     )
     found = np.exp(best.x[: d + 1])
-    return Relevance(found[:d], np.sqrt(2 * found[:d] * found[d]), float(best.fun))
+    return found[:d], np.sqrt(2 * found[:d] * found[d]), float(best.fun)
 
 
 def _cost(logs: Array, x: Array, y: Array) -> tuple[float, Array]:

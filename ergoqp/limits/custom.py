@@ -111,23 +111,6 @@ def judged_once(term: Any, state: Any, judge: Callable[[], Any]) -> Any:
     return found
 
 
-def judge_rates(limit: Limit, context: LimitContext) -> None:
-    """Judge a limit by `OwnRates`, once for the same object.
-
-    Limits of the package, with regions of the package, are judged by its tests instead.
-
-    Args:
-        limit: a limit whose rows have the right shapes.
-        context: a symbolic context with nothing under way.
-
-    Raises:
-        ProblemError: if it is wrong.
-    """
-    if of_package(limit, getattr(limit, "region", None)):
-        return
-    judged_once(limit, context.posture.numel(), lambda: OwnRates(limit, context).judge())
-
-
 class OwnRates:
     """The rows of one limit as a function of a place, and what they must satisfy.
 
@@ -389,7 +372,11 @@ class OwnLimits:
                     f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed"
                     f" {allowed}"
                 )
-            judge_rates(limit, self._place())
+            # Limits of the package, with regions of the package, are judged by its tests instead.
+            if not of_package(limit, getattr(limit, "region", None)):
+                judged_once(
+                    limit, self.size, lambda one=limit: OwnRates(one, self._place()).judge()
+                )
 
     @cached_property
     def ends(self) -> ca.Function | None:

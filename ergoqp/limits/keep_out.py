@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Final, Protocol
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
+from ergoqp.arguments import Range, check_has, check_parameters, check_text, shown
 from ergoqp.errors import InputError, last_line
 from ergoqp.expressions import dense
 from ergoqp.joints import JOINTS
@@ -235,12 +235,8 @@ class KeepOut:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        known = callable(getattr(self.region, "nearest", None))
-        if not known or isinstance(self.region, type):
-            allowed = "a HalfSpace, Box or Ball of ergoqp.limits.keep_out"
-            if known and isinstance(self.region, type):
-                allowed = object_of(self.region)
-            raise InputError(f"keep_out region: got {shown(self.region)}, allowed {allowed}")
+        allowed = "a HalfSpace, Box or Ball of ergoqp.limits.keep_out"
+        check_has("keep_out region", self.region, "nearest", allowed)
         if not isinstance(self.region, (HalfSpace, Ball, Box)):
             _check_nearest(self.region)
         check_text("keep_out name", self.name)

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import Range, check_parameters, check_text, object_of, shown
+from ergoqp.arguments import Range, check_has, check_parameters, check_text
 from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.errors import InputError
 from ergoqp.limits.limit import Expression, LimitContext, Recovery, Rows
@@ -98,12 +98,8 @@ class OneClassBoundary:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        known = hasattr(self.model, "margin_and_slope")
-        if not known or isinstance(self.model, type):
-            allowed = "a one-class SVM, such as ergoqp.learning.one_class.OneClass"
-            if known and isinstance(self.model, type):
-                allowed = object_of(self.model)
-            raise InputError(f"model: got {shown(self.model)}, allowed {allowed}")
+        allowed = "a one-class SVM, such as ergoqp.learning.one_class.OneClass"
+        check_has("model", self.model, "margin_and_slope", allowed)
         check_text("name", self.name)
         check_parameters(self)
 

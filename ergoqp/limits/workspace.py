@@ -218,11 +218,7 @@ class AxisCone:
                 ca.norm_2(lead[3:]), ca.fmax(*rates), reach, ca.norm_2(most[3:]), raised, sines
             )
             start, along = start + here, along + there
-        lost = (
-            context.margin_reduction[self.names[0]][1]
-            if self.names[0] in context.margin_reduction
-            else 0
-        )
+        lost = context.margin_reduction.get(self.names[0], (0, 0))[1]
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
     def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -20,6 +20,7 @@ import casadi as ca
 from ergoqp.errors import ErgoqpError, last_line
 from ergoqp.registry import cache_folder
 from ergoqp.solvers.daqp import Daqp
+from ergoqp.solvers.solver import Shapes, shapes_of
 
 FLAGS: Final = (
     "-O3",
@@ -185,7 +186,7 @@ class NativeDaqp(Daqp):
             f"{name}.c": sizes_source([(n, m)], described=True),
             "qp_daqp.h": c_text("qp_daqp.h"),
         }
-        return _loaded(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+        return _loaded(name, sources)
 
 
 def qp_name(n: int, m: int) -> str:
@@ -218,22 +219,13 @@ def daqp_include() -> Path:
     return _casadi() / "include"
 
 
-def daqp_licence() -> str:
-    """Return the text of DAQP's licence.
-
-    Raises:
-        CompilerError: if the installed package daqp does not contain it.
-    """
+def licence_of(package: str) -> str:
+    """Return the text of an installed package's licence, or nothing if there is none."""
     try:
-        found = [file for file in files("daqp") or [] if file.name == "LICENSE"]
+        found = [file for file in files(package) or [] if file.name == "LICENSE"]
     except PackageNotFoundError:
-        found = []
-    if not found:
-        raise CompilerError(
-            "DAQP's licence: the package 'daqp' has no LICENSE; install it as published:"
-            " `pip install daqp`"
-        )
-    return found[0].read_text(encoding="utf-8")
+        return ""
+    return found[0].read_text(encoding="utf-8") if found else ""
 
 
 def sizes_source(sizes: list[tuple[int, int]], described: bool = False) -> str:
@@ -265,8 +257,7 @@ def _solver_source(n: int, m: int) -> str:
 
 def _description_source(n: int, m: int) -> str:
     name = qp_name(n, m)
-    into = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1))
-    out = ((n, 1), (m, 1), (n, 1))
+    into, out = shapes_of(n, m)
     return f"""casadi_int {name}_n_in(void) {{ return {len(into)}; }}
 casadi_int {name}_n_out(void) {{ return {len(out)}; }}
 {_shapes_source(f"{name}_sparsity_in", into)}
@@ -281,7 +272,7 @@ int {name}_work(casadi_int* arg, casadi_int* res, casadi_int* iw, casadi_int* w)
 """
 
 
-def _shapes_source(name: str, shapes: tuple[tuple[int, int], ...]) -> str:
+def _shapes_source(name: str, shapes: Shapes) -> str:
     # A dense matrix in CasADi's notation: rows, columns, 1.
     table = ", ".join(f"{{{rows}, {columns}, 1}}" for rows, columns in shapes)
     return f"""const casadi_int* {name}(casadi_int i) {{
@@ -319,10 +310,11 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
         "inline.h": c_text("inline.h"),
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
-    return _loaded(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+    return _loaded(name, sources)
 
 
-def _loaded(name: str, library: Path) -> ca.Function:
+def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
+    library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
     try:
         return ca.external(name, str(library))
     except RuntimeError as error:

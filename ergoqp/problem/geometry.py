@@ -11,7 +11,6 @@ from ergoqp.errors import InputError
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 
-_PRIMES = (2, 3, 5, 7, 11)
 _TILT = 0.9
 """Largest tilt of places, as a share of the cone's half angle."""
 
@@ -54,8 +53,9 @@ class Workspace:
 
     def spread(self, count: int) -> np.ndarray:
         """Return points (n, 5) spread evenly over the cube, from the Halton sequence."""
-        numbers = range(1, count + 1)
-        return np.array([[2 * _mirrored(n, prime) - 1 for prime in _PRIMES] for n in numbers])
+        from scipy.stats.qmc import Halton
+
+        return 2 * Halton(5, scramble=False).random(count + 1)[1:] - 1
 
 
 def frame_of(direction: np.ndarray) -> np.ndarray:
@@ -74,16 +74,6 @@ def turn_about(axis: int, angle: float) -> np.ndarray:
     rotation[i, i] = rotation[j, j] = np.cos(angle)
     rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
     return rotation
-
-
-def _mirrored(number: int, base: int) -> float:
-    """Return the radical inverse of a whole number: its digits mirrored at the radix point."""
-    value, share = 0.0, 1.0
-    while number:
-        share /= base
-        value += share * (number % base)
-        number //= base
-    return value
 
 
 LONGEST_SHIFT = 0.04

@@ -5,7 +5,7 @@ Every mistake is reported with its key, what was found and what is allowed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from ergoqp.files.read import read_toml
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
-from ergoqp.problem.messages import full_keys, given_tables, listed, mistakes, unusual
+from ergoqp.problem.messages import full_keys, listed, mistakes, unusual
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.schema import LIMITS, TaskTable, build_own, file_table, given, own_tables
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
@@ -130,13 +130,14 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
 
 
 def _build(file: Any, name: str, folder: Path) -> Problem:
-    response = _response(file.response, folder)
+    response = _term("response", file.response, RESPONSES, {}, folder)
     # The stance alone says whether the person sits, also for the sheet.
     seated = getattr(response, "stance", None) == "seated"
     task = file.task.model_dump(exclude={"method"}) | {"seated": seated}
     method = Method(**given(file.task.method))
+    sheet = {**task, "method": method}
     return Problem(
-        cost=_cost(file, {**task, "method": method}, folder),
+        cost=_term("cost", file.cost, COSTS, {"task": sheet}, file, sheet, folder),
         response=response,
         limits=_limits(file, folder, tuple(response.coordinates) == JOINTS),
         dt=file.dt,
@@ -150,21 +151,19 @@ def _build(file: Any, name: str, folder: Path) -> Problem:
     )
 
 
-def _response(table: Any, folder: Path) -> Response:
+def _term(
+    part: str,
+    table: Any,
+    makers: Mapping[str, Callable[..., Any]],
+    sheet: Mapping[str, Mapping[str, Any]],
+    *first: Any,
+) -> Any:
+    """Return the cost or the response of a file, of a user or from its first arguments."""
     for name, own in own_tables(table).items():
-        return build_own("response", name, own)
-    ((name, keys),) = given_tables(table).items()
-    values = given(keys)
-    with full_keys({f"response.{name}": values}):
-        return RESPONSES[name](folder, **values)
-
-
-def _cost(file: Any, sheet: dict[str, Any], folder: Path) -> Any:
-    for name, own in own_tables(file.cost).items():
-        return build_own("cost", name, own)
-    ((name, values),) = (given(file.cost) or {"smooth_reba": {}}).items()
-    with full_keys({f"cost.{name}": values, "task": sheet}):
-        return COSTS[name](file, sheet, folder, **values)
+        return build_own(part, name, own)
+    ((name, values),) = (given(table) or {"smooth_reba": {}}).items()
+    with full_keys({f"{part}.{name}": values} | sheet):
+        return makers[name](*first, **values)
 
 
 def _limits(file: Any, folder: Path, of_person: bool) -> list[Any]:
@@ -218,24 +217,18 @@ def find_model(name: str, folder: Path) -> Path:
 def _find(name: str | Path) -> Path:
     path = Path(name)
     try:
-        return _found(path, str(name))
+        if path.suffix != ".toml" and len(path.parts) == 1:
+            path = data_folder("problems") / f"{name}.toml"
+            if not path.is_file():
+                raise ProblemError(
+                    f"problem: got {str(name)!r}, allowed {', '.join(problem_names())} or the path"
+                    " of a .toml file"
+                )
+        elif not path.is_file():
+            what = "is a directory" if path.is_dir() else "no such file"
+            raise ProblemError(f"problem: {str(name)!r}: {what}; give a .toml file")
     except OSError as error:
         raise ProblemError(
             f"problem: {shown(str(name))}: {error.strerror}; give the path of a .toml file"
         ) from None
-
-
-def _found(path: Path, name: str) -> Path:
-    if path.suffix != ".toml" and len(path.parts) == 1:
-        path = data_folder("problems") / f"{name}.toml"
-        if not path.is_file():
-            raise ProblemError(
-                f"problem: got {name!r}, allowed {', '.join(problem_names())} or the path of a"
-                " .toml file"
-            )
-    elif not path.is_file():
-        raise ProblemError(
-            f"problem: {name!r}: {'is a directory' if path.is_dir() else 'no such file'}; give a"
-            " .toml file"
-        )
     return path

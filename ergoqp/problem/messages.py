@@ -424,10 +424,8 @@ def _places(table: type[BaseModel], key: str, above: str = "") -> Iterator[str]:
 
 def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
     """Return the keys of the table at a path."""
-    for part in path:
-        if isinstance(part, str):
-            table = next(_tables(table.model_fields[keys_of(table)[part]].annotation))
-    return list(keys_of(table))
+    place = place_of(table, path)
+    return list(keys_of(place.kind)) if place else []
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -37,6 +37,7 @@ from pydantic_core import PydanticCustomError
 
 from ergoqp.arguments import Range, shown
 from ergoqp.errors import ErgoqpError, InputError, in_words
+from ergoqp.human.body import STATURE_RANGE
 from ergoqp.limits import (
     ArmLength,
     AxisCone,
@@ -201,7 +202,6 @@ def _tables(name: str, base: type[Table], **tables: Any) -> Any:
 
 
 Side = Literal["right", "left"]
-Stature: Any = Annotated[float, Range(1.2, 2.3, "m")]
 Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
@@ -224,7 +224,7 @@ ResponseTable: Any = _tables(
             IkResponse,
             ["body"],
             hands=Annotated[tuple[Side, ...], BeforeValidator(as_tuple), Len(1, 2)],
-            stature=Stature | None,
+            stature=Annotated[float, Range(*STATURE_RANGE, "m")] | None,
             person=str | None,
         ),
         AfterValidator(_one_person),
@@ -398,19 +398,14 @@ def file_table(raw: Mapping[str, Any]) -> Any:
     for part, table in _PARTS.items():
         stated = raw.get(part)
         named = set(stated) if isinstance(stated, Mapping) else set()
-        known = set(table.model_fields)
+        known, own = set(table.model_fields), set(registered(_KINDS[part]))
         check_free(_KINDS[part], named & known)
-        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own_names(part)}
+        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own}
         if found:
-            own = {name: (table_of(name, term) | None, None) for name, term in found.items()}
-            larger = _with_keys(table.__name__, table, own)
+            keys = {name: (table_of(name, term) | None, None) for name, term in found.items()}
+            larger = _with_keys(table.__name__, table, keys)
             parts[part] = (larger, FileTable.model_fields[part].default)
     return create_model("FileTable", __base__=FileTable, **parts) if parts else FileTable
-
-
-def own_names(part: str) -> set[str]:
-    """Return the names that installed packages register for a part of a file."""
-    return set(registered(_KINDS[part]))
 
 
 def own_tables(table: Table) -> dict[str, Table]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, read_array, shown
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.expressions import matrix_of, quaternion_of, read_pose
+from ergoqp.expressions import pose_at, quaternion_of, read_pose
 
 NotNegative = Annotated[float, Range(0.0, 1e9)]
 
@@ -364,10 +364,7 @@ def _frame(what: str, given: Any) -> np.ndarray:
             f"{what}: got {shown(values.tolist())}, allowed x, y, z within {_FARTHEST:g} m and a"
             " quaternion x, y, z, w of length 1"
         )
-    pose = np.eye(4)
-    pose[:3, :3] = matrix_of(np.roll(values[3:] / size, 1))
-    pose[:3, 3] = values[:3]
-    return pose
+    return pose_at(values[:3], values[3:])
 
 
 def _shape(given: Any) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 
+from ergoqp.expressions import pose_matrix
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
@@ -21,6 +22,7 @@ from ergoqp.responses.stance_and_gaze import (
     gaze,
     hanging,
     swinging,
+    turn_about,
 )
 
 _ROUND = 1e-3
@@ -58,8 +60,7 @@ def soles_of(response: IkResponse) -> ca.Function:
     poses = []
     for side in SIDES:
         position, rotation, _ = response.kinematics.at(f"{side}_sole", q)
-        local = ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-        poses.append(pelvis @ local)
+        poses.append(pelvis @ pose_matrix(position, rotation))
     return ca.Function("soles", [q], [ca.densify(ca.horzcat(*poses))])
 
 
@@ -93,7 +94,7 @@ class Holding:
             self._base = pelvis[:3]
         else:
             self._base = ca.vertcat(0, 0, ca.SX(response.seat) if seat is None else seat)
-        self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
+        self._turned = turn_about(2, pelvis[3]) if self.standing else ca.SX.eye(3)
         self._hands = [self.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
         self.work, turned = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)
         self._axis = turned[:, 0]
@@ -201,11 +202,3 @@ def hang(response: IkResponse, posture: ca.SX) -> None:
 
 def _turn(have: ca.SX, want: ca.SX) -> ca.SX:
     return sum((ca.cross(have[:, i], want[:, i]) for i in range(3)), ca.SX(3, 1)) / 2
-
-
-def _about_z(angle: ca.SX) -> ca.SX:
-    rotation = ca.SX.eye(3)
-    rotation[0, 0] = rotation[1, 1] = ca.cos(angle)
-    rotation[1, 0] = ca.sin(angle)
-    rotation[0, 1] = -rotation[1, 0]
-    return rotation

@@ -8,7 +8,7 @@ W^-1 K' + s^2)^-1 a: a soft row has a nonzero entry on the diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, Final, Literal
@@ -18,10 +18,10 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions import spd_inverse
+from ergoqp.expressions import pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import base_jacobian
-from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
 from ergoqp.responses.stance_and_gaze import (
     HANGING_DEG,
     LEG_JOINTS,
@@ -35,7 +35,6 @@ from ergoqp.responses.stance_and_gaze import (
     contact_frame,
     gaze,
     hanging,
-    pose_matrix,
     seat_in_words,
     seated,
     standing,
@@ -100,9 +99,6 @@ def per_joint(
     return values
 
 
-_ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
-
-
 def sensitivity_function(
     geometry: ca.Function, chain: list[int], hanging: list[int], damping: float, hands: int
 ) -> ca.Function:
@@ -140,180 +136,133 @@ def sensitivity_function(
     )
 
 
-Stand = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], Stance]
-"""Returns the stance at a posture, from joint weights, locks and desired rates (32,) each."""
+def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
+    """Return sensitivity, drift, contact, grips and reach, as `IkResponse` describes them."""
+    q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
+    weights, kinematics = ca.SX(ca.DM(person.weight_vector)), person.kinematics
+    chain = [INDEX[joint] for joint in person.chain if joint in UPPER_BODY]
+    wish = (ca.SX(ca.DM(person.comfort)) - q) / person.relaxation_time * (1 - locked)
+    if person.stance == "seated":
+        stance = seated(person.seat)
+    else:
+        balance, time = person.balance, person.relaxation_time
+        stance = standing(kinematics, q, weights, locked, wish, balance, time)
+    hands = [kinematics.at(f"{hand}_grip", q) for hand in person.hands]
+    position, rotation = contact_frame([(p, r) for p, r, _ in hands], person.tool)
+    if person.looks:
+        seen = gaze(kinematics, q, position, chain)
+    else:
+        seen = Gaze(ca.SX(0, 1), ca.SX(0, len(chain)), ca.SX(0, 3))
+    K, softness, wanted, kept = _rows(person, chain, stance, hands, position, rotation[:, 0], seen)
+    free = (1 - locked[chain]) / weights[chain]
+    pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
+    pull = ca.diagcat(pelvis, ca.diag(free)) @ K.T
+    inverse_M = spd_inverse(K @ pull + softness)
+    swing, fall = _swing(person, q)
+    side = len(hands)
+
+    def in_joints(rates: ca.SX) -> ca.SX:
+        """Return the rates of all 32 joints from those of pelvis and chain."""
+        spread = stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
+        spread[chain, :] = rates[4:, :]
+        if person.hanging is not None:
+            joints = swinging(person.hanging)
+            spread[joints, :] = swing @ rates[4:7, :] * (1 - locked[joints])
+        return spread
+
+    own = ca.vertcat(stance.relax, wish[chain])
+    asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / person.relaxation_time)
+    relax = in_joints(own + pull @ (inverse_M @ (asked - K @ own)))
+    if person.hanging is not None:
+        relax[arm_of(person.hanging)] += fall * (1 - locked[arm_of(person.hanging)])
+
+    error = ca.SX.sym("e", 6 * side)
+    to_hands = ca.diagcat(*[stance.yaw.T] * (2 * side)) @ error
+    work = sum((to_hands[6 * i : 6 * i + 3] for i in range(side)), ca.SX(3, 1)) / side
+    asked = ca.vertcat(kept @ to_hands, -seen.by_work @ work)
+    reach = in_joints(pull @ (inverse_M @ asked))
+
+    parts = {
+        "K": K.T,
+        "pull": pull,
+        "softness": softness,
+        "wanted": wanted @ ca.diagcat(stance.yaw.T, stance.yaw.T),
+        "legs": stance.legs[LEGS, :],
+        "swing": swing * (1 - locked[swinging(person.hanging)]) if person.hanging else swing,
+    }
+    base = pose_matrix(stance.position, stance.yaw)
+    grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
+    poses = [base @ pose_matrix(position, rotation), base]
+    return (
+        sensitivity_function(
+            ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
+            chain,
+            [] if person.hanging is None else swinging(person.hanging),
+            person.damping,
+            6 * side,
+        ),
+        ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
+        ca.Function(
+            "contact", [q], ca.cse(list(map(ca.densify, poses))), ["q"], ["contact", "pelvis"]
+        ),
+        ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
+        ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class Following:
-    """The properties of an `ergoqp.responses.ik.IkResponse` that its algebra uses.
+def _swing(person: IkResponse, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return how a hanging arm turns with the trunk (2, 3), and its rates toward hanging (7,).
 
-    Attributes:
-        kinematics: kinematics of the body.
-        hands: hands that hold the object.
-        tool: axis of the tool, a key of `ergoqp.responses.stance_and_gaze.TOOL_AXES`.
-        free_about_tool: whether the hand may turn about this axis.
-        damping: softness of the rows of the hands [m, rad].
-        weights: cost of the rate of each joint (32,).
-        comfort: posture toward which the person relaxes (32,) [rad].
-        relaxation_time: time constant of the relaxation [s].
-        chain: numbers of the joints from the trunk up that are free to follow.
-        stand: function for the position and the motion of the pelvis.
-        attention: weight of looking at the work; 0: the person does not look at it.
-        hanging: side of an arm that hangs, or None.
+    The rates are in rad/s.
     """
-
-    kinematics: Kinematics
-    hands: tuple[str, ...]
-    tool: str
-    free_about_tool: bool
-    damping: float
-    weights: np.ndarray
-    comfort: np.ndarray
-    relaxation_time: float
-    chain: list[int]
-    stand: Stand
-    attention: float
-    hanging: str | None
-
-    @cached_property
-    def functions(self) -> tuple[ca.Function, ...]:
-        """Sensitivity, drift, contact, grips and reach, as `IkResponse` describes them."""
-        q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
-        weights = ca.SX(ca.DM(self.weights))
-        wish = (ca.SX(ca.DM(self.comfort)) - q) / self.relaxation_time * (1 - locked)
-        stance = self.stand(q, weights, locked, wish)
-        hands = [self.kinematics.at(f"{hand}_grip", q) for hand in self.hands]
-        position, rotation = contact_frame([(p, r) for p, r, _ in hands], self.tool)
-        seen = self._gaze(q, position)
-        rows = _Rows.of(self, stance, hands, position, rotation[:, 0], seen)
-        free = (1 - locked[self.chain]) / weights[self.chain]
-        pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
-        pull = ca.diagcat(pelvis, ca.diag(free)) @ rows.K.T
-        inverse_M = spd_inverse(rows.K @ pull + rows.softness)
-        swing, fall = self._swing(q)
-        side = len(self.hands)
-
-        def in_joints(rates: ca.SX) -> ca.SX:
-            """Return the rates of all 32 joints from those of pelvis and chain."""
-            spread = (
-                stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
-            )
-            spread[self.chain, :] = rates[4:, :]
-            if self.hanging is not None:
-                joints = swinging(self.hanging)
-                spread[joints, :] = swing @ rates[4:7, :] * (1 - locked[joints])
-            return spread
-
-        own = ca.vertcat(stance.relax, wish[self.chain])
-        asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / self.relaxation_time)
-        relax = in_joints(own + pull @ (inverse_M @ (asked - rows.K @ own)))
-        if self.hanging is not None:
-            relax[arm_of(self.hanging)] += fall * (1 - locked[arm_of(self.hanging)])
-
-        error = ca.SX.sym("e", 6 * side)
-        to_hands = ca.diagcat(*[stance.yaw.T] * (2 * side)) @ error
-        work = sum((to_hands[6 * i : 6 * i + 3] for i in range(side)), ca.SX(3, 1)) / side
-        asked = ca.vertcat(rows.kept @ to_hands, -seen.by_work @ work)
-        reach = in_joints(pull @ (inverse_M @ asked))
-
-        parts = {
-            "K": rows.K.T,
-            "pull": pull,
-            "softness": rows.softness,
-            "wanted": rows.wanted @ ca.diagcat(stance.yaw.T, stance.yaw.T),
-            "legs": stance.legs[LEGS, :],
-            "swing": swing * (1 - locked[swinging(self.hanging)]) if self.hanging else swing,
-        }
-        base = pose_matrix(stance.position, stance.yaw)
-        grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
-        poses = [base @ pose_matrix(position, rotation), base]
-        return (
-            sensitivity_function(
-                ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
-                self.chain,
-                [] if self.hanging is None else swinging(self.hanging),
-                self.damping,
-                6 * side,
-            ),
-            ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
-            ca.Function(
-                "contact", [q], ca.cse(list(map(ca.densify, poses))), ["q"], ["contact", "pelvis"]
-            ),
-            ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
-            ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
-        )
-
-    def _gaze(self, q: ca.SX, work: ca.SX) -> Gaze:
-        if self.attention:
-            return gaze(self.kinematics, q, work, self.chain)
-        return Gaze(ca.SX(0, 1), ca.SX(0, len(self.chain)), ca.SX(0, 3))
-
-    def _swing(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return how a hanging arm turns with the trunk (2, 3), and its rates toward hanging (7,).
-
-        The rates are in rad/s.
-        """
-        if self.hanging is None:
-            return ca.SX(0, 3), ca.SX(0, 1)
-        joints, arm = swinging(self.hanging), arm_of(self.hanging)
-        trunk = ca.SX.sym("trunk", 3)
-        hangs = hanging(trunk, self.hanging, ca.SX(ca.DM(self.comfort[joints])))
-        both = ca.Function("hangs", [trunk], [hangs, ca.jacobian(hangs, trunk)])
-        down, swing = both(q[TRUNK])
-        goal = ca.SX(ca.DM(self.comfort[arm]))
-        goal[[arm.index(joint) for joint in joints]] = down
-        return swing, (goal - q[arm]) / self.relaxation_time
+    if person.hanging is None:
+        return ca.SX(0, 3), ca.SX(0, 1)
+    joints, arm = swinging(person.hanging), arm_of(person.hanging)
+    trunk = ca.SX.sym("trunk", 3)
+    hangs = hanging(trunk, person.hanging, ca.SX(ca.DM(person.comfort[joints])))
+    both = ca.Function("hangs", [trunk], [hangs, ca.jacobian(hangs, trunk)])
+    down, swing = both(q[TRUNK])
+    goal = ca.SX(ca.DM(person.comfort[arm]))
+    goal[[arm.index(joint) for joint in joints]] = down
+    return swing, (goal - q[arm]) / person.relaxation_time
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows that the rates keep, in pelvis axes.
+def _rows(
+    person: IkResponse,
+    chain: list[int],
+    stance: Stance,
+    hands: list[tuple[ca.SX, ca.SX, ca.SX]],
+    work: ca.SX,
+    axis: ca.SX,
+    seen: Gaze,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return the rows of hands and eyes that the rates keep, in pelvis axes.
 
-    Attributes:
-        K: (r, 4 + n) rate of the rows per rate of pelvis and chain.
-        softness: (r, r) softness of the rows.
-        wanted: (r, 6) rate of the rows per twist.
-        kept: (6 k, 6 k) the part of a motion that the hands keep: all except turns about a free
-            tool.
+    Returns:
+        K (r, 4 + n), the rate of the rows per rate of pelvis and chain; their softness (r, r);
+        their wanted rate (r, 6) per twist; and (6 k, 6 k) the part of a motion that the hands
+        keep: all except turns about a free tool.
     """
-
-    K: ca.SX
-    softness: ca.SX
-    wanted: ca.SX
-    kept: ca.SX
-
-    @classmethod
-    def of(
-        cls,
-        person: Following,
-        stance: Stance,
-        hands: list[tuple[ca.SX, ca.SX, ca.SX]],
-        work: ca.SX,
-        axis: ca.SX,
-        seen: Gaze,
-    ) -> _Rows:
-        """Return the rows of hands and eyes."""
-        moves, wants, about = [], [], []
-        for p, _, jacobian in hands:
-            moves.append(ca.horzcat(base_jacobian(p), jacobian[:, person.chain]))
-            wants.append(carried_to(p - work))
-            about.append(about_tool(axis, person.free_about_tool))
-        turning = ca.diagcat(*about)
-        kept = ca.SX.eye(6 * len(hands)) - turning
-        firm = turning + person.damping**2 * ca.SX.eye(6 * len(hands))
-        # In pelvis axes, the work moves opposite to the pelvis.
-        by_pelvis = -seen.by_work @ base_jacobian(work)[:3, :]
-        if not stance.moves:
-            by_pelvis = ca.SX(*by_pelvis.shape)
-        count = seen.residual.shape[0]
-        lenient = ca.SX.eye(count) / person.attention if count else ca.SX(0, 0)
-        return cls(
-            ca.vertcat(kept @ ca.vertcat(*moves), ca.horzcat(by_pelvis, seen.by_joints)),
-            ca.diagcat(firm, lenient),
-            ca.vertcat(kept @ ca.vertcat(*wants), ca.horzcat(-seen.by_work, ca.SX(count, 3))),
-            kept,
-        )
+    moves, wants, about = [], [], []
+    for p, _, jacobian in hands:
+        moves.append(ca.horzcat(base_jacobian(p), jacobian[:, chain]))
+        wants.append(carried_to(p - work))
+        about.append(about_tool(axis, person.free_about_tool))
+    turning = ca.diagcat(*about)
+    kept = ca.SX.eye(6 * len(hands)) - turning
+    firm = turning + person.damping**2 * ca.SX.eye(6 * len(hands))
+    # In pelvis axes, the work moves opposite to the pelvis.
+    by_pelvis = -seen.by_work @ base_jacobian(work)[:3, :]
+    if not stance.moves:
+        by_pelvis = ca.SX(*by_pelvis.shape)
+    count = seen.residual.shape[0]
+    lenient = ca.SX.eye(count) / person.attention if count else ca.SX(0, 0)
+    return (
+        ca.vertcat(kept @ ca.vertcat(*moves), ca.horzcat(by_pelvis, seen.by_joints)),
+        ca.diagcat(firm, lenient),
+        ca.vertcat(kept @ ca.vertcat(*wants), ca.horzcat(-seen.by_work, ca.SX(count, 3))),
+        kept,
+    )
 
 
 @dataclass(frozen=True)
@@ -428,9 +377,8 @@ class IkResponse:
         These are the trunk, the neck of a person who looks at the work, the working arms and, when
         standing, the legs.
         """
-        chains = ("trunk", *(("neck",) if self.looks else ()))
-        chains += tuple(f"{hand}_{part}" for hand in self.hands for part in _ARM)
-        moved = [joint for joint in JOINTS[:20] if joint.startswith(chains)]
+        chains = ("trunk", *(("neck",) if self.looks else ()), *self.hands)
+        moved = [joint for joint in UPPER_BODY if joint.startswith(chains)]
         if self.stance == "standing":
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
         return tuple(moved)
@@ -551,24 +499,4 @@ class IkResponse:
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ...]:
-        return Following(
-            kinematics=self.kinematics,
-            hands=self.hands,
-            tool=self.tool,
-            free_about_tool=self.free_about_tool,
-            damping=self.damping,
-            weights=self.weight_vector,
-            comfort=self.comfort,
-            relaxation_time=self.relaxation_time,
-            chain=[INDEX[joint] for joint in self.chain if joint in JOINTS[:20]],
-            stand=self._stance,
-            attention=self.attention if self.looks else 0.0,
-            hanging=self.hanging,
-        ).functions
-
-    def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
-        if self.stance == "seated":
-            return seated(self.seat)
-        return standing(
-            self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time
-        )
+        return functions_of(self)

@@ -35,7 +35,7 @@ import numpy as np
 from ergoqp.expressions import solve3, spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
-from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.joints import INDEX, JOINTS, SIDES, UPPER_BODY
 
 LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) for side in SIDES}
 """The six joints of each leg."""
@@ -223,11 +223,6 @@ def carried_to(offset: ca.SX) -> ca.SX:
     return carried
 
 
-def pose_matrix(position: ca.SX, rotation: ca.SX) -> ca.SX:
-    """Return the pose (4, 4) of a frame."""
-    return ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-
-
 def _unit(vector: ca.SX) -> ca.SX:
     return vector / ca.sqrt(ca.sumsqr(vector) + 1e-12)
 
@@ -303,8 +298,7 @@ def _line_of_sight() -> ca.DM:
 HANGING_DEG: Final[dict[str, float]] = {"shoulder_abduction": 5.0, "elbow_flexion": 12.0}
 """Angles of an arm that hangs beside an upright trunk [deg]; all others are zero."""
 
-_TRUNK: Final = ("trunk_flexion", "trunk_side_bend", "trunk_twist")
-TRUNK: Final = [INDEX[joint] for joint in _TRUNK]
+TRUNK: Final = [INDEX[joint] for joint in JOINTS if joint.startswith("trunk")]
 """Numbers of the joints of the trunk."""
 
 _ASIDE: Final = {"right": -1.0, "left": 1.0}
@@ -313,12 +307,7 @@ _NEARLY: Final = 1 - 1e-9
 
 def arm_of(side: str) -> list[int]:
     """Return the numbers of the seven joints of an arm."""
-    chain = ("shoulder", "elbow", "forearm", "wrist")
-    return [
-        INDEX[joint]
-        for joint in JOINTS[:20]
-        if joint.startswith(tuple(f"{side}_{p}" for p in chain))
-    ]
+    return [INDEX[joint] for joint in UPPER_BODY if joint.startswith(side)]
 
 
 def swinging(side: str) -> list[int]:
@@ -344,13 +333,17 @@ def hanging(trunk: ca.SX, side: str, ease: ca.SX) -> ca.SX:
     # The arm turns with the trunk about the vertical, and does not lean with it.
     forward, sideways, twist = trunk[0], trunk[1], trunk[2]
     down = (
-        _about(2, -twist) @ _about(0, sideways) @ _about(1, -forward) @ _about(2, twist) @ upright
+        turn_about(2, -twist)
+        @ turn_about(0, sideways)
+        @ turn_about(1, -forward)
+        @ turn_about(2, twist)
+        @ upright
     )
     across = ca.fmax(ca.fmin(aside * down[1], _NEARLY), -_NEARLY)
     return ca.vertcat(ca.atan2(down[0], -down[2]), ca.asin(across))
 
 
-def _about(axis: int, angle: ca.SX) -> ca.SX:
+def turn_about(axis: int, angle: ca.SX) -> ca.SX:
     """Return the rotation (3, 3) by an angle [rad] about axis 0, 1 or 2."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rotation = ca.SX.eye(3)

@@ -89,8 +89,8 @@ class OptionPoints:
 
     option: str
     points: int
-    not_with: str | None
     words: str
+    not_with: str | None = None
 
 
 @dataclass(frozen=True)
@@ -271,12 +271,7 @@ def _read_segment(
             )
             for modifier in entry.get("modifiers", ())
         ),
-        options=tuple(
-            OptionPoints(
-                option["option"], option["points"], option.get("not_with"), option["words"]
-            )
-            for option in entry.get("options", ())
-        ),
+        options=tuple(OptionPoints(**option) for option in entry.get("options", ())),
     )
 
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any, Final, Literal, TypedDict, get_args, get_type_hints
+from typing import Annotated, Any, Final, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import check_kind, check_number, check_whole, check_word, shown
+from ergoqp.arguments import Range, check_parameters, check_whole, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import SIDES
 from ergoqp.sheets.description import Sheet, load_description, read_sheet
@@ -30,6 +30,10 @@ _ASCENDING: Final = (
     ("elbow_low_deg", "elbow_high_deg"),
     ("load_low_kg", "load_high_kg"),
 )
+
+_Angle = Annotated[float, Range(0.0, 180.0)]
+_Extension = Annotated[float, Range(-180.0, 180.0)]
+_Mass = Annotated[float, Range(0.0, 1000.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,34 +118,34 @@ class Method:
     arms: Literal["whole", "segments"] = "whole"
     upper_arm: Literal["flexion", "elevation"] = "flexion"
     final_max: int = 15
-    neck_extension_deg: float = _DEFAULT["neck_extension_deg"]
-    neck_flexion_deg: float = _DEFAULT["neck_flexion_deg"]
-    neck_side_bend_deg: float = _DEFAULT["neck_side_bend_deg"]
-    neck_twist_deg: float = _DEFAULT["neck_twist_deg"]
-    trunk_upright_deg: float = _DEFAULT["trunk_upright_deg"]
-    trunk_bent_deg: float = _DEFAULT["trunk_bent_deg"]
-    trunk_deep_deg: float = _DEFAULT["trunk_deep_deg"]
-    trunk_side_bend_deg: float = _DEFAULT["trunk_side_bend_deg"]
-    trunk_twist_deg: float = _DEFAULT["trunk_twist_deg"]
-    knee_bent_deg: float = _DEFAULT["knee_bent_deg"]
-    knee_deep_deg: float = _DEFAULT["knee_deep_deg"]
-    upper_arm_low_deg: float = _DEFAULT["upper_arm_low_deg"]
-    upper_arm_middle_deg: float = _DEFAULT["upper_arm_middle_deg"]
-    upper_arm_high_deg: float = _DEFAULT["upper_arm_high_deg"]
-    shoulder_abduction_deg: float = _DEFAULT["shoulder_abduction_deg"]
-    shoulder_rotation_deg: float = _DEFAULT["shoulder_rotation_deg"]
-    elbow_low_deg: float = _DEFAULT["elbow_low_deg"]
-    elbow_high_deg: float = _DEFAULT["elbow_high_deg"]
-    wrist_flexion_deg: float = _DEFAULT["wrist_flexion_deg"]
-    wrist_deviation_deg: float = _DEFAULT["wrist_deviation_deg"]
-    forearm_pronation_deg: float = _DEFAULT["forearm_pronation_deg"]
-    load_low_kg: float = _DEFAULT["load_low_kg"]
-    load_high_kg: float = _DEFAULT["load_high_kg"]
+    neck_extension_deg: _Extension = _DEFAULT["neck_extension_deg"]
+    neck_flexion_deg: _Angle = _DEFAULT["neck_flexion_deg"]
+    neck_side_bend_deg: _Angle = _DEFAULT["neck_side_bend_deg"]
+    neck_twist_deg: _Angle = _DEFAULT["neck_twist_deg"]
+    trunk_upright_deg: _Angle = _DEFAULT["trunk_upright_deg"]
+    trunk_bent_deg: _Angle = _DEFAULT["trunk_bent_deg"]
+    trunk_deep_deg: _Angle = _DEFAULT["trunk_deep_deg"]
+    trunk_side_bend_deg: _Angle = _DEFAULT["trunk_side_bend_deg"]
+    trunk_twist_deg: _Angle = _DEFAULT["trunk_twist_deg"]
+    knee_bent_deg: _Angle = _DEFAULT["knee_bent_deg"]
+    knee_deep_deg: _Angle = _DEFAULT["knee_deep_deg"]
+    upper_arm_low_deg: _Angle = _DEFAULT["upper_arm_low_deg"]
+    upper_arm_middle_deg: _Angle = _DEFAULT["upper_arm_middle_deg"]
+    upper_arm_high_deg: _Angle = _DEFAULT["upper_arm_high_deg"]
+    shoulder_abduction_deg: _Angle = _DEFAULT["shoulder_abduction_deg"]
+    shoulder_rotation_deg: _Angle = _DEFAULT["shoulder_rotation_deg"]
+    elbow_low_deg: _Angle = _DEFAULT["elbow_low_deg"]
+    elbow_high_deg: _Angle = _DEFAULT["elbow_high_deg"]
+    wrist_flexion_deg: _Angle = _DEFAULT["wrist_flexion_deg"]
+    wrist_deviation_deg: _Angle = _DEFAULT["wrist_deviation_deg"]
+    forearm_pronation_deg: _Angle = _DEFAULT["forearm_pronation_deg"]
+    load_low_kg: _Mass = _DEFAULT["load_low_kg"]
+    load_high_kg: _Mass = _DEFAULT["load_high_kg"]
 
     def __post_init__(self) -> None:
         """Check every value, so that every method gives a valid sheet."""
-        for field in fields(self):
-            self._check(field.name, getattr(self, field.name))
+        check_parameters(self, "Method.")
+        check_whole("Method.final_max", self.final_max, 12, 15)
         if self.neck_extension_deg <= -self.neck_flexion_deg:
             raise InputError(
                 f"Method.neck_extension_deg: got {self.neck_extension_deg:g}, allowed: more than "
@@ -153,24 +157,6 @@ class Method:
                 raise InputError(
                     f"Method.{', '.join(names)}: got {values}, allowed: ascending values"
                 )
-
-    def _check(self, name: str, value: Any) -> None:
-        what = f"Method.{name}"
-        if name in _CHOICES:
-            check_word(what, value, _CHOICES[name])
-        elif name == "final_max":
-            check_whole(what, value, 12, 15)
-        elif name in _DEFAULT:
-            low = -180.0 if name == "neck_extension_deg" else 0.0
-            check_number(what, value, low, 180.0 if name.endswith("_deg") else 1000.0)
-        else:
-            check_kind(what, value, (bool, np.bool_), "True or False")
-
-
-_CHOICES: Final = {
-    name: get_args(hint) for name, hint in get_type_hints(Method).items() if get_args(hint)
-}
-"""The words of each option that is one of several."""
 
 
 def read_method(method: Method | None) -> Method:

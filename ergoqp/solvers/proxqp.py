@@ -8,7 +8,7 @@ import numpy as np
 from proxsuite import proxqp
 
 from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver, pattern_of
+from ergoqp.solvers.solver import Pattern, QpSolver
 
 # On infeasible data it uses all allowed iterations. Feasible QPs took at most 19 outer iterations.
 _MOST_ITERATIONS: Final = 50
@@ -43,8 +43,8 @@ class _ProxqpWorkspace:
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; `warm`: start from x and multipliers of the last QP."""
-        pattern = pattern_of(qp)
-        C, d = pattern.equalities(qp)
+        pattern = Pattern(qp)
+        C, d = pattern.equalities()
         free = ~pattern.fixed_rows
         # The bounds of a fixed unknown would be a row without an interior, besides its equality.
         low = np.where(pattern.fixed, -np.inf, qp.lb)

@@ -11,12 +11,10 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from ergoqp.solvers.session import Array, Qp, Session, Workspace
@@ -94,6 +92,14 @@ class QpSolver(abc.ABC):
         return _KEPT.setdefault((id(self), n, m), made).expression()
 
 
+Shapes = tuple[tuple[int, int], ...]
+
+
+def shapes_of(n: int, m: int) -> tuple[Shapes, Shapes]:
+    """Return the shapes of the inputs and outputs of a solver in the step."""
+    return ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1)), ((n, 1), (m, 1), (n, 1))
+
+
 def passing_on(call: Callable[[], object]) -> Callable[[], None]:
     """Return a call of a function with solvers in Python that passes on interrupts.
 
@@ -136,8 +142,7 @@ class NumericFunction(ca.Callback):
         """Register the function with CasADi."""
         ca.Callback.__init__(self)
         self._answer = answer
-        self._in = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1))
-        self._out = ((n, 1), (m, 1), (n, 1))
+        self._in, self._out = shapes_of(n, m)
         self.construct(name, {})
 
     def expression(self) -> ca.Function:
@@ -182,10 +187,6 @@ def _bound(values: Array) -> Array:
     return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))
 
 
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
 class Pattern:
     """Which bounds of a QP are equal, and which are finite.
 
@@ -194,58 +195,42 @@ class Pattern:
     Attributes:
         fixed_rows: rows whose bounds are equal (m,).
         fixed: unknowns whose bounds are equal (n,).
-        above: other rows that have an upper bound (m,).
-        below: other rows that have a lower bound (m,).
-        high: other unknowns that have an upper bound (n,).
-        low: other unknowns that have a lower bound (n,).
     """
 
-    fixed_rows: Mask
-    fixed: Mask
-    above: Mask
-    below: Mask
-    high: Mask
-    low: Mask
+    def __init__(self, qp: Qp) -> None:
+        """Compare the bounds."""
+        self._qp, self._unit = qp, np.eye(len(qp.g))
+        self.fixed_rows, self.fixed = qp.lbA == qp.ubA, qp.lb == qp.ub
+        # Other rows and other unknowns that have an upper bound, or a lower one.
+        self._above = np.isfinite(qp.ubA) & ~self.fixed_rows
+        self._below = np.isfinite(qp.lbA) & ~self.fixed_rows
+        self._high, self._low = (np.isfinite(end) & ~self.fixed for end in (qp.ub, qp.lb))
 
-    def equalities(self, qp: Qp) -> tuple[Array, Array]:
+    def equalities(self) -> tuple[Array, Array]:
         """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
-        matrix = np.concatenate([qp.A[self.fixed_rows], np.eye(len(self.fixed))[self.fixed]])
+        qp = self._qp
+        matrix = np.concatenate([qp.A[self.fixed_rows], self._unit[self.fixed]])
         return matrix, np.concatenate([qp.ubA[self.fixed_rows], qp.ub[self.fixed]])
 
-    def inequalities(self, qp: Qp) -> tuple[Array, Array]:
+    def inequalities(self) -> tuple[Array, Array]:
         """Return G and h of G x <= h: rows above, rows below, unknowns above, unknowns below."""
-        unit = np.eye(len(self.fixed))
-        matrix = np.concatenate(
-            [qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]]
-        )
-        bounds = qp.ubA[self.above], -qp.lbA[self.below], qp.ub[self.high], -qp.lb[self.low]
-        return matrix, np.concatenate(bounds)
+        qp, above, below, high, low = self._qp, self._above, self._below, self._high, self._low
+        matrix = [qp.A[above], -qp.A[below], self._unit[high], -self._unit[low]]
+        bounds = [qp.ubA[above], -qp.lbA[below], qp.ub[high], -qp.lb[low]]
+        return np.concatenate(matrix), np.concatenate(bounds)
 
     def multipliers(self, equal: Array, unequal: Array) -> tuple[Array, Array]:
         """Return row and unknown multipliers from those of `equalities` and `inequalities`."""
         rows, box = np.zeros(len(self.fixed_rows)), np.zeros(len(self.fixed))
         count = int(self.fixed_rows.sum())
         rows[self.fixed_rows], box[self.fixed] = equal[:count], equal[count:]
-        ends = np.cumsum([mask.sum() for mask in (self.above, self.below, self.high)])
+        ends = np.cumsum([mask.sum() for mask in (self._above, self._below, self._high)])
         above, below, high, low = np.split(unequal, ends)
-        rows[self.above] += above
-        rows[self.below] -= below
-        box[self.high] += high
-        box[self.low] -= low
+        rows[self._above] += above
+        rows[self._below] -= below
+        box[self._high] += high
+        box[self._low] -= low
         return rows, box
-
-
-def pattern_of(qp: Qp) -> Pattern:
-    """Return the pattern of a QP's bounds."""
-    fixed_rows, fixed = qp.lbA == qp.ubA, qp.lb == qp.ub
-    return Pattern(
-        fixed_rows,
-        fixed,
-        np.isfinite(qp.ubA) & ~fixed_rows,
-        np.isfinite(qp.lbA) & ~fixed_rows,
-        np.isfinite(qp.ub) & ~fixed,
-        np.isfinite(qp.lb) & ~fixed,
-    )
 
 
 class GrowingPattern:

@@ -86,11 +86,13 @@ def compared_frames(problem: Problem, signals: Mapping[str, ca.MX]) -> ca.MX:
     contact = problem.response.contact()
     difference = _difference(problem)
     apart = difference(pose, contact(posture)[0])
-    explained = ca.Function.if_else("explained", _explained(problem), _near())
+    near = [ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)]
+    fine = ca.Function("near", near, [ca.MX(ca.DM([1, 1]))])
+    explained = ca.Function.if_else("explained", _explained(problem), fine)
     looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
     judged = _judged(problem)(block, apart, explained(looks, posture, apart))
     # Joints that are not seen are as in comfort here, which shows nothing.
-    needed = _needed(contact)
+    needed = sorted(set(contact.jac_sparsity(0, 0).get_triplet()[1]))
     seen = ca.mmin(observed[needed]) > 0.5 if needed else ca.MX(1)
     after = ca.if_else(seen, judged, block)
     compare = ca.Function("compare", inputs, [ca.vertcat(PERIOD - period, after[1:])])
@@ -157,11 +159,6 @@ def _explained(problem: Problem) -> ca.Function:
     return ca.Function("looked_into", [posture, apart], [ca.vertcat(*parts)])
 
 
-def _near() -> ca.Function:
-    posture, apart = ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)
-    return ca.Function("near", [posture, apart], [ca.MX(ca.DM([1, 1]))])
-
-
 def _judged(problem: Problem) -> ca.Function:
     """Return ``(block, apart, explained) -> next block``."""
     block, apart, explained = ca.SX.sym("b", 6), ca.SX.sym("apart", 6), ca.SX.sym("explained", 2)
@@ -189,9 +186,3 @@ def _judged(problem: Problem) -> ca.Function:
         angle,
     )
     return ca.Function("judged", [block, apart, explained], dense([after]))
-
-
-def _needed(contact: ca.Function) -> list[int]:
-    """Return the numbers of the joints that the contact depends on."""
-    pattern = contact.jac_sparsity(0, 0)
-    return sorted(set(pattern.get_triplet()[1]))

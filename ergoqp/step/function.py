@@ -40,7 +40,7 @@ from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
 from ergoqp.step.qp import away_function, solve_passes
 from ergoqp.step.rest import stalled
-from ergoqp.step.rows import recovery_allowed, update_recovery_timer
+from ergoqp.step.rows import update_recovery_timer
 
 
 def initial_state(problem: Problem, twist: Any = None, *, guided: bool = False) -> np.ndarray:
@@ -355,7 +355,8 @@ def build_step(
 
     # The QP and its answer.
     signals |= call_by_name(cost_function(model), signals)
-    signals["asks"] = recovery_allowed(state["asked"]) if model.asks_back else ca.MX(1)
+    # Rows of the posture may ask to come back while the seconds asked for are within those allowed.
+    signals["asks"] = state["asked"][0] <= state["asked"][1] if model.asks_back else ca.MX(1)
     signals |= call_by_name(shape(away_function(model)), signals)
     signals["stalled"] = stalled(state["rest"])
     if guided:

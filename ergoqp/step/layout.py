@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions import slices
-from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
 from ergoqp.step.rows import limit_values
 
@@ -64,35 +62,23 @@ So periods may be shorter by this factor on average.
 """
 
 
-@dataclass(frozen=True)
 class History:
     """How much of the past the step keeps.
 
     Attributes:
         planned: number of planned twists, newest first.
         sent: number of sent twists, newest first.
-        lags: whether the declared robot may still have to do a part of older sent twists.
-        clings: whether the robot may have held one of those older twists for too long.
-        owes: whether a part of what was sent is still to come.
     """
 
-    planned: int
-    sent: int
-    lags: bool = False
-    clings: bool = False
-    owes: bool = False
-
-    @classmethod
-    def of(cls, problem: Problem) -> History:
-        """Return the history that the mean and the declared robot of a problem need."""
+    def __init__(self, problem: Problem) -> None:
+        """Take what the mean and the declared robot of a problem need."""
 
         def periods(seconds: float) -> int:
             return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
 
-        robot = problem.robot
-        planned, sent = 1 + periods(problem.average), 1 + periods(robot.dead_time)
-        lags = bool(robot.lag)
-        return cls(planned, sent, lags, lags and bool(robot.longest_hold), robot.owes)
+        self._robot = problem.robot
+        self.planned = 1 + periods(problem.average)
+        self.sent = 1 + periods(problem.robot.dead_time)
 
     @property
     def ages(self) -> int:
@@ -104,11 +90,12 @@ class History:
         """Shape of every part of the history in the state, see `initial_history`."""
         sizes = {"planned": (6, self.planned), "sent": (6, self.sent), "ages": (self.ages, 1)}
         sizes |= {"idle": (1, 1)}
-        if self.lags:
+        robot = self._robot
+        if robot.lag:
+            # What the robot still has to do of older twists, and may have held for too long.
             sizes |= {"tail": (6, 2), "swift": (6, 2)}
-        if self.clings:
-            sizes["clung"] = (6, 2)
-        return sizes | ({"owed": (6, 1)} if self.owes else {})
+            sizes |= {"clung": (6, 2)} if robot.longest_hold else {}
+        return sizes | ({"owed": (6, 1)} if robot.owes else {})
 
 
 def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray]:
@@ -129,34 +116,6 @@ def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
     return seconds
 
 
-@dataclass(frozen=True)
-class Way:
-    """The motion under way, for `ergoqp.limits.LimitContext`.
-
-    Attributes:
-        displacement: displacement (6,) [m, rad].
-        margin_reduction: parts of the distances to the (lower, upper) ends that do not count, by
-            hard limit.
-        turn: angle that the robot may have done already, plus the error of its measured angle
-            [rad]. None: zero.
-        direction_error: largest angle between the motion under way and a straight line [rad]. None:
-            no row bends.
-        overshoot_angle: largest angle that a rising mean adds [rad]. None: no row bends.
-        margin_reduction_held: as `margin_reduction`, if the robot holds once what is under way
-            (where declared).
-        turn_held: as `turn`, for the same case.
-    """
-
-    displacement: Any
-    margin_reduction: dict[str, tuple[Any, Any]]
-    turn: Any
-    direction_error: Any
-    overshoot_angle: Any
-    margin_reduction_held: dict[str, tuple[Any, Any]]
-    turn_held: Any
-
-
-@dataclass(frozen=True)
 class PendingMotionLayout:
     """The parts of the vector ``way``.
 
@@ -168,21 +127,15 @@ class PendingMotionLayout:
         holds: whether the robot may hold once what is under way.
     """
 
-    limits: Sequence[Limit]
-    count: int
-    turns: bool
-    strays: bool
-    holds: bool
-
-    @classmethod
-    def of(cls, problem: Problem) -> PendingMotionLayout:
-        """Return the parts of a problem."""
-        robot, hard = problem.robot, tuple(limit for limit in problem.row_limits if limit.hard)
+    def __init__(self, problem: Problem) -> None:
+        """Take the parts of a problem."""
+        robot = problem.robot
+        self.limits = tuple(limit for limit in problem.row_limits if limit.hard)
         # Where a pose is moved, it may be unknown in part.
-        count = sum(len(limit.names) for limit in hard) if problem.moves_pose else 0
-        turns = robot.owes or bool(robot.pose_noise_deg)
-        strays = problem.average > 0 and bool(limit_values(hard, "curvature").any())
-        return cls(hard, count, turns, strays, robot.longest_hold > 0)
+        self.count = len(self.names) if problem.moves_pose else 0
+        self.turns = robot.owes or bool(robot.pose_noise_deg)
+        bends = bool(limit_values(self.limits, "curvature").any())
+        self.strays, self.holds = problem.average > 0 and bends, robot.longest_hold > 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -206,21 +159,26 @@ class PendingMotionLayout:
         """Number of all entries."""
         return sum(self._sizes.values())
 
-    def split(self, way: Any) -> Way:
-        """Return the parts of a vector (size,)."""
-        part = {name: way[at] for name, at in slices(self._sizes).items()}
-        if not self.count:
-            return Way(part["displacement"], {}, None, None, None, {}, None)
-        reduction, turn = self._by_limit(part["below"], part["above"]), part.get("turn")
-        bent = part.get("direction_error"), part.get("overshoot_angle")
-        if not self.holds:
-            return Way(part["displacement"], reduction, turn, *bent, reduction, turn)
-        held = self._by_limit(part["below_held"], part["above_held"])
-        return Way(part["displacement"], reduction, turn, *bent, held, part["turn_held"])
+    def split(self, way: Any, held: bool = False, ahead: bool = False) -> dict[str, Any]:
+        """Return the parts of a vector (size,) that an `ergoqp.limits.LimitContext` has.
 
-    def _by_limit(self, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
+        Args:
+            way: the vector.
+            held: whether the robot holds once what is under way (where declared).
+            ahead: whether the motion after it counts too.
+        """
+        part = {name: way[at] for name, at in slices(self._sizes).items()}
+        found = {"pending_displacement": part["displacement"]}
+        if not self.count:
+            return found
+        end = "_held" if held and self.holds else ""
+        below, above = part[f"below{end}"], part[f"above{end}"]
         rows = slices({limit.names[0]: len(limit.names) for limit in self.limits})
-        return {name: (below[at], above[at]) for name, at in rows.items()}
+        found["margin_reduction"] = {name: (below[at], above[at]) for name, at in rows.items()}
+        # The angle that the robot may have done already, plus the error of its measured angle.
+        found["turn"] = part.get("turn_held" if self.holds and (held or ahead) else "turn")
+        names = ("direction_error", "overshoot_angle") if self.strays else ()
+        return found | {name: part[name] for name in names}
 
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)

@@ -211,7 +211,7 @@ class StepModel:
     @cached_property
     def history(self) -> History:
         """Size of the history that the step keeps."""
-        return History.of(self.problem)
+        return History(self.problem)
 
     @cached_property
     def blocks(self) -> dict[str, Sizes]:
@@ -221,7 +221,7 @@ class StepModel:
     @cached_property
     def under_way(self) -> PendingMotionLayout:
         """The parts of the vector ``way``."""
-        return PendingMotionLayout.of(self.problem)
+        return PendingMotionLayout(self.problem)
 
     @cached_property
     def asks_back(self) -> bool:
@@ -405,21 +405,13 @@ class StepModel:
             still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
             pose = signals.get("pose", ca.SX.eye(4))
             return LimitContext(pose=pose, pending_displacement=still, shift=stays, **where)
-        way = self.under_way.split(signals["way"])
-        reduction, turn = way.margin_reduction, way.turn_held if brake is not None else way.turn
-        if held:
-            reduction, turn = way.margin_reduction_held, way.turn_held
         return LimitContext(
             pose=signals["landed"],
-            pending_displacement=way.displacement,
             shift=signals["shift"],
-            margin_reduction=reduction,
-            turn=turn,
-            direction_error=way.direction_error,
-            overshoot_angle=way.overshoot_angle,
             overshoot_bound=brake.stop.most(brake.dt)
             if brake is not None and self.problem.average
             else None,
+            **self.under_way.split(signals["way"], held, brake is not None),
             **where,
         )
 

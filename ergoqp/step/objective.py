@@ -148,9 +148,8 @@ def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     nothing changes.
     """
     acceleration = problem.twist_limit.linear_acceleration
-    names = ("H", "g", "way", "previous", "dt")
-    sx = [ca.SX.sym(name, *size) for name, size in zip(names, _LED_SIZES, strict=True)]
-    H, g, way, previous, dt = sx
+    sizes = {"H": (6, 6), "g": (6, 1), "way": (4, 1), "previous": (6, 1), "dt": (1, 1)}
+    sx = H, g, way, previous, dt = [ca.SX.sym(name, *size) for name, size in sizes.items()]
     # All axes speed up together, so that they keep to the way.
     along = ca.fmax(ca.dot(way[:3], previous[:3]), 0)
     pace = ca.fmin(ca.fmax(way[3] / out.recovery_time, STEADY_RETURN), along + acceleration * dt)
@@ -163,9 +162,6 @@ def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     led = way[3] > 0
     outputs = dense([ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)])
     return ca.Function("led", sx, ca.cse(outputs))
-
-
-_LED_SIZES: Final = ((6, 6), (6, 1), (4, 1), (6, 1), (1, 1))
 
 
 def gain_function(model: StepModel) -> ca.Function:

@@ -64,9 +64,8 @@ def build_qp(
         residual)``. The residual is the largest of primal, dual, gap and multiplier-sign residual
         in the infinity norm.
     """
-    names = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
     shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
-    inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
+    inputs = [ca.MX.sym(name, *shape) for name, shape in zip(QP_DATA, shapes, strict=True)]
     hard = _hard(solver, m, inputs, shape)
     if m == 0:
         return hard

@@ -228,14 +228,6 @@ def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
     return np.array([value for each in rows for value in each], dtype=float)
 
 
-def recovery_allowed(asked: ca.MX) -> ca.MX:
-    """Return 1 while rows of the posture may ask to come back.
-
-    The state `asked` (2,) holds the seconds asked for so far and the seconds allowed.
-    """
-    return asked[0] <= asked[1]
-
-
 def update_recovery_timer(
     limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX
 ) -> ca.MX:

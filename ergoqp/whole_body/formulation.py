@@ -19,23 +19,21 @@ from mink.tasks import BaseTask
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer import Step
-from ergoqp.whole_body.robot import Robot
 from ergoqp.whole_body.scene import ModelColumns, Scene
 from ergoqp.whole_body.state import SAME, Moment
 
 _AT = 1e-7
 
 
-def held_back(robot: Robot, scene: Scene, moment: Moment, velocities: np.ndarray) -> str:
+def held_back(scene: Scene, moment: Moment, velocities: np.ndarray) -> str:
     """Return the names of the active limits of the robot and of the active distances.
 
     Args:
-        robot: robot with the limits.
         scene: scene of person, robot and object.
         moment: data of the step.
         velocities: the answer, of person and arm together (nv,) [rad/s].
     """
-    arm = velocities[scene.arm]
+    robot, arm = scene.robot, velocities[scene.arm]
     active = (arm > moment.arm_high - _AT) | (arm < moment.arm_low + _AT)
     at_rate = np.abs(arm) > robot.velocity - _AT
     at_change = np.abs(arm - moment.arm_speed) > robot.acceleration * moment.dt - _AT
@@ -136,7 +134,7 @@ class NullSpaceTask(_MomentTask):
 class _Rows(_OfMoment, mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
-    def __init__(self, scene: ModelColumns, count: int) -> None:
+    def __init__(self, scene: ModelColumns, count: int = 0) -> None:
         mink.Task.__init__(self, cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
 
@@ -178,11 +176,7 @@ class Tie(_Rows):
 
 
 class Held(_Rows):
-    """Axes of the object that cannot move."""
-
-    def __init__(self, scene: ModelColumns) -> None:
-        """Start without rows; the moment gives their number."""
-        super().__init__(scene, 0)
+    """Axes of the object that cannot move; the moment gives their number."""
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the error of each row without motion."""
@@ -212,8 +206,11 @@ def at_moment(parts: list[Any], moment: Moment) -> None:
 class _MomentLimit(_OfMoment, mink.Limit):
     """A limit that reads the data of the present step."""
 
-    def _on_arm(self, rows: np.ndarray, bounds: np.ndarray, dt: float) -> mink.Constraint:
+    def _on_arm(
+        self, rows: np.ndarray, low: np.ndarray, high: np.ndarray, dt: float
+    ) -> mink.Constraint:
         """Return rows on the speeds of the arm, without infinite bounds."""
+        rows, bounds = np.vstack([rows, -rows]), np.concatenate([high, -low])
         real = bounds < FREE / 2
         if not real.any():
             return mink.Constraint()
@@ -232,9 +229,7 @@ class TwistBounds(_MomentLimit):
         now = self.now
         free = now.high - now.low >= 1e-12
         J, aside = now.jacobian[free], now.offset[free]
-        return self._on_arm(
-            np.vstack([J, -J]), np.concatenate([now.high[free] + aside, -now.low[free] - aside]), dt
-        )
+        return self._on_arm(J, now.low[free] + aside, now.high[free] + aside, dt)
 
 
 class ProblemRows(_MomentLimit):
@@ -244,10 +239,7 @@ class ProblemRows(_MomentLimit):
     slack of the step.
     """
 
-    def __init__(self, scene: ModelColumns) -> None:
-        """Start without slack."""
-        super().__init__(scene)
-        self.slack: np.ndarray | float = 0.0
+    slack: np.ndarray | float = 0.0
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
@@ -257,7 +249,7 @@ class ProblemRows(_MomentLimit):
         rows = now.terms["A"] @ now.jacobian
         moved = now.terms["side"] * self.slack + now.terms["A"] @ now.offset
         upper, lower = now.terms["ubA"] + moved, now.terms["lbA"] + moved
-        return self._on_arm(np.vstack([rows, -rows]), np.concatenate([upper, -lower]), dt)
+        return self._on_arm(rows, lower, upper, dt)
 
 
 class ArmBounds(_MomentLimit):
@@ -271,10 +263,7 @@ class ArmBounds(_MomentLimit):
     ) -> mink.Constraint:
         """Return two rows per joint."""
         now = self.now
-        eye = np.eye(len(now.arm_high))
-        return self._on_arm(
-            np.vstack([eye, -eye]), np.concatenate([now.arm_high, -now.arm_low]), dt
-        )
+        return self._on_arm(np.eye(len(now.arm_high)), now.arm_low, now.arm_high, dt)
 
 
 class Distance(_MomentLimit):
@@ -369,64 +358,59 @@ def _holds(problem: qpsolvers.Problem, x: np.ndarray, dt: float) -> bool:
     return beyond <= _KEPT * dt
 
 
-class Ladder:
-    """The QPs of a step in order; each is used if the one before has no answer.
+def solve_ladder(
+    problem: Problem, formulation: Formulation, object_step: Step, moment: Moment, done: np.ndarray
+) -> tuple[np.ndarray, str, str]:
+    """Try the QPs of a step in order; each is used if the one before has no answer.
+
+    They lead from the whole QP to the separate stop of every joint. In between are the robot's
+    limits with the speed limit of the object, and without it.
 
     Args:
         problem: the task.
-        robot: the arm.
         formulation: formulation of the QPs.
+        object_step: the object's own step.
+        moment: data of this step; its objective and bounds change on the way.
+        done: twist of the object in the last period (6,) [m/s, rad/s].
+
+    Returns:
+        Speeds of the arm's joints (k,) [rad/s], status, and cause in words.
     """
-
-    def __init__(self, problem: Problem, robot: Robot, formulation: Formulation) -> None:
-        """Keep the arguments."""
-        self._problem, self._robot, self._formulation = problem, robot, formulation
-
-    def solve(
-        self, object_step: Step, moment: Moment, done: np.ndarray
-    ) -> tuple[np.ndarray, str, str]:
-        """Try the QPs in order, from the whole QP to the separate stop of every joint.
-
-        In between are the robot's limits with the speed limit of the object, and without it.
-        """
-        formulation, scene, robot = self._formulation, self._formulation.scene, self._robot
-        arm = scene.arm
-        whole = (
-            object_step.status in ("optimal", "relaxed", "recovering")
-            and object_step.residuals["accepted"] == 1.0
-        )
-        if whole:
-            solved = formulation.solve(moment, follow=True)
-            if solved is not None:
-                twist = moment.jacobian @ solved[arm] - moment.offset
-                if np.abs(twist - object_step.twist).max() < SAME:
-                    return solved[arm], object_step.status, ""
-                names = held_back(robot, scene, moment, solved)
-                return solved[arm], "slower", f"held back by {names}"
-        # The object brakes, rests, or cannot keep all rows. The robot follows it as closely as
-        # possible.
-        wanted = object_step.twist if not whole else self._braking(done)
-        control = self._problem.control
-        effort = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
-        moment.H, moment.g = effort, -effort @ wanted
-        for bound in (self._problem.twist_limit.speed, np.full(6, FREE)):
-            moment.low, moment.high = -bound, bound
-            if (solved := formulation.solve(moment, follow=False)) is None:
-                continue
+    scene, limit = formulation.scene, problem.twist_limit
+    arm = scene.arm
+    whole = (
+        object_step.status in ("optimal", "relaxed", "recovering")
+        and object_step.residuals["accepted"] == 1.0
+    )
+    if whole:
+        solved = formulation.solve(moment, follow=True)
+        if solved is not None:
             twist = moment.jacobian @ solved[arm] - moment.offset
-            if not whole and np.abs(twist - wanted).max() < SAME:
+            if np.abs(twist - object_step.twist).max() < SAME:
                 return solved[arm], object_step.status, ""
-            names = held_back(robot, scene, moment, solved)
-            if whole:
-                return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
-            stops = object_step.status in ("braking", "invalid")
-            return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
-        stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
-        status = "invalid" if object_step.status == "invalid" else "braking"
-        why = "every joint of the robot stops by itself: the distance cannot be kept otherwise"
-        return stop, status, why
-
-    def _braking(self, previous: np.ndarray) -> np.ndarray:
-        """Return the object's next braking twist, with its full deceleration."""
-        stop = float(np.max(np.abs(previous) / self._problem.twist_limit.acceleration))
-        return previous * max(0.0, 1 - self._problem.dt / stop) if stop > 0 else previous
+            names = held_back(scene, moment, solved)
+            return solved[arm], "slower", f"held back by {names}"
+    # The object brakes, rests, or cannot keep all rows. The robot follows it as closely as
+    # possible.
+    wanted, control = object_step.twist, problem.control
+    if whole:
+        braking = float(np.max(np.abs(done) / limit.acceleration))
+        wanted = done * max(0.0, 1 - problem.dt / braking) if braking > 0 else done
+    effort = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
+    moment.H, moment.g = effort, -effort @ wanted
+    for bound in (limit.speed, np.full(6, FREE)):
+        moment.low, moment.high = -bound, bound
+        if (solved := formulation.solve(moment, follow=False)) is None:
+            continue
+        twist = moment.jacobian @ solved[arm] - moment.offset
+        if not whole and np.abs(twist - wanted).max() < SAME:
+            return solved[arm], object_step.status, ""
+        names = held_back(scene, moment, solved)
+        if whole:
+            return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
+        stops = object_step.status in ("braking", "invalid")
+        return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
+    stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
+    status = "invalid" if object_step.status == "invalid" else "braking"
+    why = "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+    return stop, status, why

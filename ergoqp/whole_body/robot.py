@@ -182,13 +182,19 @@ def _frame_of(model: mujoco.MjModel, frame: str, path: Path) -> tuple[int, np.nd
     )
 
 
-def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int]:
-    """Return the joints from base to frame."""
+def joints_before(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the numbers of the joints from the world to a body."""
     joints: list[int] = []
     while body > 0:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints = [*range(first, first + count), *joints]
         body = int(model.body_parentid[body])
+    return joints
+
+
+def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int]:
+    """Return the joints from base to frame."""
+    joints = joints_before(model, body)
     if not joints:
         raise InputError(
             f"robot: no joint of {path.name} moves the frame {frame!r}, allowed a frame that some"

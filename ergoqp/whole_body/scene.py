@@ -13,7 +13,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import quaternion_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.whole_body.robot import Robot
+from ergoqp.whole_body.robot import Robot, joints_before
 
 BASE_JOINTS: Final = ("base_x", "base_y", "base_z", "base_yaw")
 """Position of the person's pelvis in the world: three shifts [m] and a turn [rad]."""
@@ -146,8 +146,9 @@ class Scene:
             load[0]: hands,
             load[1]: hands | {f"person/{hand}_forearm" for hand in self.hands},
         }
-        end = self._joints_before(int(model.geom_bodyid[load[0]]))
-        up = {link: end - self._joints_before(int(model.geom_bodyid[link])) for link in links}
+        end = len(joints_before(model, int(model.geom_bodyid[load[0]])))
+        before = (len(joints_before(model, int(model.geom_bodyid[link]))) for link in links)
+        up = {link: end - count for link, count in zip(links, before, strict=True)}
         pairs = [
             (link, part)
             for link in links
@@ -159,13 +160,6 @@ class Scene:
         ]
         pairs += [(piece, link) for piece in load for link in links if up[link] >= _JOINTS_AWAY]
         return np.array(pairs)
-
-    def _joints_before(self, body: int) -> int:
-        count = 0
-        while body > 0:
-            count += int(self.model.body_jntnum[body])
-            body = int(self.model.body_parentid[body])
-        return count
 
     def contact_pose(self, data: mujoco.MjData) -> np.ndarray:
         """Return the contact frame (4, 4) [m] at the positions of `data`."""

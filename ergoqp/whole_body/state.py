@@ -68,11 +68,11 @@ class Separation:
         """
         rows, distances, gradients = [], [], []
         for row in self._candidates(data, range_):
-            distance, points = self._distance(data, int(row), range_)
+            distance = self._distance(data, int(row), range_)
             if distance < range_:
                 rows.append(row)
                 distances.append(distance)
-                gradients.append(self._gradient(data, int(row), distance, points))
+                gradients.append(self._gradient(data, int(row), distance))
         shape = (len(rows), self.scene.model.nv)
         return Closeness(
             np.array(rows, dtype=int), np.array(distances), np.array(gradients).reshape(shape)
@@ -85,7 +85,7 @@ class Separation:
         """
         least, which = range_, -1
         for row in self._candidates(data, range_):
-            distance, _ = self._distance(data, int(row), least)
+            distance = self._distance(data, int(row), least)
             if distance < least:
                 least, which = distance, int(row)
         return least, which
@@ -94,14 +94,14 @@ class Separation:
         apart = data.geom_xpos[self._first] - data.geom_xpos[self._second]
         return np.flatnonzero(np.einsum("ij,ij->i", apart, apart) <= (self._radii + range_) ** 2)
 
-    def _distance(self, data: mujoco.MjData, row: int, range_: float) -> tuple[float, np.ndarray]:
+    def _distance(self, data: mujoco.MjData, row: int, range_: float) -> float:
+        """Return the distance of a pair [m], and set the nearest points."""
         pair = int(self._first[row]), int(self._second[row])
-        distance = mujoco.mj_geomDistance(self.scene.model, data, *pair, range_, self._points)
-        return distance, self._points
+        return mujoco.mj_geomDistance(self.scene.model, data, *pair, range_, self._points)
 
-    def _gradient(
-        self, data: mujoco.MjData, row: int, distance: float, points: np.ndarray
-    ) -> np.ndarray:
+    def _gradient(self, data: mujoco.MjData, row: int, distance: float) -> np.ndarray:
+        """Return the gradient of a distance that was measured last."""
+        points = self._points
         model, pair = self.scene.model, (int(self._first[row]), int(self._second[row]))
         for jacobian, point, geom in zip(self._jacobians, points.reshape(2, 3), pair, strict=True):
             mujoco.mj_jac(model, data, jacobian, None, point, int(model.geom_bodyid[geom]))

@@ -21,7 +21,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
 from ergoqp.step.answer import Step
 from ergoqp.step.stepper import Stepper
-from ergoqp.whole_body.formulation import Formulation, Ladder
+from ergoqp.whole_body.formulation import Formulation, solve_ladder
 from ergoqp.whole_body.grasp import default_base, grasp
 from ergoqp.whole_body.robot import Robot, load_robot
 from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
@@ -253,7 +253,6 @@ class WholeBody:
             self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
             self.start = joints
         self._formulation = Formulation(self.scene)
-        self._ladder = Ladder(self.problem, self.robot, self._formulation)
         limit = self.problem.twist_limit
         self._pace = float(np.max(limit.speed / limit.acceleration))
         positions = self._formulation.configuration
@@ -324,7 +323,9 @@ class WholeBody:
         moment = self._moment(
             object_step, positions, speeds, jacobian, done, close, sees, unimproved
         )
-        velocities, status, why = self._ladder.solve(object_step, moment, done)
+        velocities, status, why = solve_ladder(
+            self.problem, self._formulation, object_step, moment, done
+        )
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
         reason = "; ".join(part for part in (object_step.reason, why) if part)

@@ -7,7 +7,7 @@ import pytest
 from ergoqp import reba
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, arm_of, forearm_length, forearm_points
+from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, Arm, forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.lab.forearm import boxes_of, true_cost, true_posture
 
@@ -61,7 +61,7 @@ def test_closed_forms_return_the_posture_that_the_points_came_from(solve, first)
     postures = random_postures(500, 1)
     given = [postures[:, [INDEX[name]]] for name in (first, "trunk_twist")]
     points = forearm_points(postures, body)
-    angles, missing = getattr(arm_of(body), solve)(points, *given)
+    angles, missing = getattr(Arm(body), solve)(points, *given)
     assert angles.shape == (len(ARM_JOINTS), 500, 4)
     error = np.abs(angles - postures[:, ARM_INDEX].T[:, :, None]).max(axis=0)
     assert error.min(axis=1).max() < 1e-7
@@ -113,7 +113,7 @@ def test_method_counts():
 
 @pytest.mark.slow
 def test_random_search_never_does_better():
-    rng, arm = np.random.default_rng(5), arm_of(Body())
+    rng, arm = np.random.default_rng(5), Arm(Body())
     low, high = LOWER[ARM_INDEX], UPPER[ARM_INDEX]
     points = forearm_points(random_postures(20, 6))
     cost = true_cost(points)

@@ -292,7 +292,7 @@ def test_the_person_may_be_stated(demo: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("stature = 'tall'", "stature is 'tall', allowed a number"),
+        ("stature = 'tall'", "stature: got 'tall', allowed a number"),
         ("stature = nan", "stature is nan"),
         ("height = 1.7", r"got \['height'\]"),
         ("mass = 70", "required are a stature"),

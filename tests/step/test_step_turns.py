@@ -56,10 +56,7 @@ class Believed:
         }
         where = {
             "pose": place[0],
-            "pending_displacement": parts.displacement,
-            "margin_reduction": parts.margin_reduction,
-            "direction_error": parts.direction_error,
-            "overshoot_angle": parts.overshoot_angle,
+            **{name: part for name, part in parts.items() if name != "turn"},
         }
         context = LimitContext(
             **nobody, **where, overshoot=place[2][:, 1], overshoot_bound=place[2][:, 2]
