@@ -116,10 +116,7 @@ def of_subject(
 
 
 def _named_alike(
-    motion: JointMotion,
-    prefix: str,
-    names: dict[str, str],
-    known: Callable[[tuple[str, ...]], int],
+    motion: JointMotion, prefix: str, names: dict[str, str], known: Callable[[tuple[str, ...]], int]
 ) -> JointMotion:
     """Return the only person's joints, without their prefix if the names are known better without.
 
@@ -254,12 +251,7 @@ def joints_of(
         own = {motion.names[i] for which in found.values() for i in which}
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
-            _emptied(motion, things),
-            paths,
-            rest,
-            unit or motion.unit,
-            said,
-            upright=ready,
+            _emptied(motion, things), paths, rest, unit or motion.unit, said, upright=ready
         )
     return _of_markers(motion, where, (landmarks, further, title), shapes, unit, progress)
 

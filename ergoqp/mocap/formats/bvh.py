@@ -354,9 +354,7 @@ def _places(joints: Sequence[Joint], rows: np.ndarray) -> np.ndarray:
     positions = np.empty((len(rows), len(joints), 3))
     column = 0
     # Positions and rotations of the possible parents of the next joint, the world first.
-    above = [
-        (np.zeros((len(rows), 3)), np.broadcast_to(np.eye(3), (len(rows), 3, 3))),
-    ]
+    above = [(np.zeros((len(rows), 3)), np.broadcast_to(np.eye(3), (len(rows), 3, 3)))]
     for number, joint in enumerate(joints):
         parent_position, parent_rotation = above[joint.depth]
         width = len(joint.channels)

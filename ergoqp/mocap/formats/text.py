@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -224,18 +224,9 @@ class TableOptions:
     rate: float | None = None
 
 
-@dataclass(frozen=True)
-class ColumnSelection:
-    """The columns of a table that are read.
-
-    Attributes:
-        columns: their indices, in the order in which they are returned.
-        told: index among them -> function that converts a word to the text of a number; it raises a
-            ValueError whose text continues the message after the word.
-    """
-
-    columns: Sequence[int]
-    told: Mapping[int, Callable[[str], str]] = field(default_factory=dict)
+ChosenColumn = tuple[int, Callable[[str], str] | None]
+"""Index of a column that is read, and the function that converts its words to the text of a number,
+if they are not numbers; it raises a ValueError whose text continues the message after the word."""
 
 
 @dataclass
@@ -280,7 +271,7 @@ def blocks(
     separator: str | None,
     width: int,
     blanks: bool = False,
-    chosen: ColumnSelection | None = None,
+    chosen: Sequence[ChosenColumn] | None = None,
 ) -> Iterator[np.ndarray]:
     """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
 
@@ -292,7 +283,7 @@ def blocks(
         separator: separator of the numbers; None for any white space.
         width: numbers in a row.
         blanks: whether a row of separators only is a frame in which nothing was seen.
-        chosen: the columns that are read, if not all are.
+        chosen: the columns that are read, in the order in which they are returned, if not all are.
     """
     decimal = separator in {"\t", ";"}
     count = 0
@@ -311,7 +302,13 @@ def blocks(
         values = np.array([_values(lines, i, row, separator, width, chosen) for i, row in rows])
         if (large := np.argwhere(np.abs(values) > LARGEST)).size:
             at, column = large[0]
-            lines.fail(_too_large(float(values[at, column])), rows[at][0])
+            value = values[at, column]
+            got = (
+                "a number that is not finite"
+                if np.isinf(value)
+                else f"{value:g}, which is too large"
+            )
+            lines.fail(f"got {got}, allowed numbers up to {LARGEST:g}", rows[at][0])
         yield values
 
 
@@ -321,7 +318,7 @@ def read_rows(
     width: int,
     split: Callable[[np.ndarray], Sequence[np.ndarray]],
     blanks: bool = False,
-    chosen: ColumnSelection | None = None,
+    chosen: Sequence[ChosenColumn] | None = None,
 ) -> list[np.ndarray]:
     """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
 
@@ -393,7 +390,7 @@ def _values(
     row: str,
     separator: str | None,
     width: int,
-    chosen: ColumnSelection | None,
+    chosen: Sequence[ChosenColumn] | None,
 ) -> list[float]:
     """Return the numbers of a row."""
     words = row.split(separator)
@@ -407,10 +404,11 @@ def _values(
             lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
         words += [""] * (width - count)
     if chosen is not None:
-        words = [words[column] for column in chosen.columns]
-        row = row if row.isascii() and "_" not in row else "".join(words)
-        for i, number in chosen.told.items():
-            words[i] = _told(lines, line, number, words[i])
+        words = [
+            words[column] if number is None else _told(lines, line, number, words[column])
+            for column, number in chosen
+        ]
+        row = "".join(words)
     # `float` also accepts what no file has: 1_0, and digits of all scripts.
     if "_" not in row and row.isascii():
         try:
@@ -437,12 +435,6 @@ def _number(lines: TextLines, line: int, word: str) -> float:
     if not is_number(word) or "," in word:
         lines.fail(f"got {short(word)}, allowed a number", line)
     return float(word)
-
-
-def _too_large(value: float) -> str:
-    if np.isinf(value):
-        return f"got a number that is not finite, allowed numbers up to {LARGEST:g}"
-    return f"got {value:g}, which is too large, allowed numbers up to {LARGEST:g}"
 
 
 def poses_of(positions: np.ndarray, turns: np.ndarray) -> np.ndarray:

@@ -363,10 +363,7 @@ _DRAWN: Final = np.array([0.2, 0.2, 0.2, 0.5, *np.full(len(JOINTS), 0.35)])
 
 
 def told_markers(
-    body: Body,
-    start: np.ndarray,
-    markers: Mapping[str, np.ndarray],
-    sits: Mapping[str, Marker],
+    body: Body, start: np.ndarray, markers: Mapping[str, np.ndarray], sits: Mapping[str, Marker]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return estimated positions of markers from those that are seen, and standard deviations.
 

@@ -245,12 +245,7 @@ def _arm(
 
 
 def _leg(
-    side: str,
-    out: float,
-    place: _Landmarks,
-    hip: np.ndarray,
-    left: np.ndarray,
-    widths: Widths,
+    side: str, out: float, place: _Landmarks, hip: np.ndarray, left: np.ndarray, widths: Widths
 ) -> dict[str, np.ndarray]:
     knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
     # The shank bends backward.
@@ -263,11 +258,7 @@ def _leg(
     aside = either(knee - middle, aside)
     aside = either(_shown(middle, ankle, place[f"{side}_shank"]), aside)
     low = either(both, inside(middle, ankle, aside, widths.ankle))
-    return {
-        f"{side}_knee": middle,
-        f"{side}_ankle": low,
-        f"{side}_toe": place[f"{side}_forefoot"],
-    }
+    return {f"{side}_knee": middle, f"{side}_ankle": low, f"{side}_toe": place[f"{side}_forefoot"]}
 
 
 def _knee(
@@ -454,10 +445,7 @@ def _unplaced(where: str, at: Mapping[str, np.ndarray]) -> str:
 
 
 def unit_of_markers(
-    motion: JointMotion,
-    where: str,
-    landmarks: Mapping[str, tuple[int, ...]],
-    stated: float | None,
+    motion: JointMotion, where: str, landmarks: Mapping[str, tuple[int, ...]], stated: float | None
 ) -> float:
     """Return the stated unit, or the only one that gives the width of a person [m].
 
