@@ -1,8 +1,7 @@
 """Text of unknown origin: encodings, numbered lines, tables of numbers, times and poses.
 
-Tables of numbers in text files, read block by block because an hour of markers is large.
-
-A blank is a value that was not seen. A word in place of a number is an error that names its line.
+Tables are read block by block, because an hour of markers is large. A blank is a value that was not
+seen. A word in place of a number is an error that names its line.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
@@ -399,10 +399,9 @@ def _values(
     count = len(words)
     if count > width or (separator is None and count < width):
         lines.fail(f"got a row of {count} numbers, allowed {width}", line)
-    if count < width:
-        if line == lines.line and not lines.ends:
-            lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
-        words += [""] * (width - count)
+    if count < width and line == lines.line and not lines.ends:
+        lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
+    words += [""] * (width - count)
     if chosen is not None:
         words = [
             words[column] if number is None else _told(lines, line, number, words[column])
@@ -447,9 +446,6 @@ def poses_of(positions: np.ndarray, turns: np.ndarray) -> np.ndarray:
     poses[:, :3, 3] = positions
     seen = np.isfinite(turns).all(axis=1) & (np.linalg.norm(turns, axis=1) > 0.5)
     if seen.any():
-        # scipy is loaded here only, because most files need no rotations.
-        from scipy.spatial.transform import Rotation
-
         poses[seen, :3, :3] = Rotation.from_quat(turns[seen]).as_matrix()
     return poses
 
@@ -532,8 +528,7 @@ def to_seconds(
             notes.append(f"Times are taken as {_UNITS[unit]}.")
     time = unit * time
     kept, said = drop_duplicate_times(where, time, shown, remedy)
-    time = time if kept.all() else time[kept]
-    return time, kept, [*said, *notes, _spacing(time)]
+    return time[kept], kept, [*said, *notes, _spacing(time[kept])]
 
 
 def drop_duplicate_times(
@@ -603,9 +598,8 @@ def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
     usual = float(np.median(steps))
     for unit, name in _UNITS.items():
         if abs(unit * usual * rate - 1) <= _ALIKE:
-            if unit == 1.0:
-                return unit, []
-            return unit, [f"Times are taken as {name}: the file states {rate:g} frames per second."]
+            said = f"Times are taken as {name}: the file states {rate:g} frames per second."
+            return unit, [] if unit == 1.0 else [said]
     return 1.0, [
         f"The file states {rate:g} frames per second, but its times give {1 / usual:.4g}: the times"
         " are used."
