@@ -252,7 +252,8 @@ def markers_on(
     found: dict[str, Marker] = {}
     for names in _together(markers, landmarks):
         best: tuple[float, str, list[np.ndarray]] | None = None
-        for frame in _beside(landmarks[names[0]]):
+        mark = landmarks[names[0]]
+        for frame in LANDMARK_SEGMENTS.get(mark, [mark]):
             i = SEGMENTS.index(frame)
             local = [
                 np.einsum("nji,nj->ni", turns[:, i], markers[name] - places[:, i]) for name in names
@@ -313,13 +314,6 @@ def _together(
             group = next(rigid, name)
             groups[group] = (*groups.get(group, ()), name)
     return list(groups.values())
-
-
-def _beside(landmark: str) -> list[str]:
-    """Return the frames that a marker may be fixed to."""
-    if landmark in SEGMENTS:
-        return [landmark]
-    return LANDMARK_SEGMENTS[landmark]
 
 
 def _fit_middle(local: np.ndarray) -> tuple[np.ndarray, float]:
@@ -487,11 +481,8 @@ _STEADY: Final = 0.03
 
 def has_gaps(motion: JointMotion, used: Mapping[str, str]) -> bool:
     """Return whether a used marker that is seen at all is lost in some frame."""
-    for name in used:
-        seen = np.isfinite(motion.of(name)[:, 0])
-        if seen.any() and not seen.all():
-            return True
-    return False
+    seen = (np.isfinite(motion.of(name)[:, 0]) for name in used)
+    return any(each.any() and not each.all() for each in seen)
 
 
 def completed(
