@@ -501,9 +501,9 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
             )
         # A straight hinge would not show the rotation of the limb, which the file states.
         columns.append(np.maximum(angle, BENT) if joint.endswith(_HINGES) else angle)
-    postures, kinematics = ca.SX.sym("q", len(JOINTS)), Kinematics(person)
-    centres = [kinematics.at(centre, postures)[0] for centre in CENTRES]
-    function = ca.Function("centres", [postures], [ca.densify(ca.vertcat(*centres))])
+    posture, kinematics = ca.SX.sym("q", len(JOINTS)), Kinematics(person)
+    centres = [kinematics.at(centre, posture)[0] for centre in CENTRES]
+    function = ca.Function("centres", [posture], [ca.densify(ca.vertcat(*centres))])
     postures = np.stack(columns, axis=1)
     starts = range(0, len(postures), _POSTURES_BLOCK)
     places = [np.array(function(postures[at : at + _POSTURES_BLOCK].T)) for at in starts]
