@@ -20,46 +20,38 @@ RATE: Final = 30.0
 """Frame rate [Hz]."""
 
 _STANDING: Final[Mapping[str, float]] = {
-    **{
-        f"{side}_{joint}": angle
-        for side in SIDES
-        for joint, angle in (("shoulder_abduction", 6), ("elbow_flexion", 15))
-    },
-    **{
-        f"{side}_{joint}": angle
-        for side in SIDES
-        for joint, angle in (("hip_flexion", 4), ("knee_flexion", 8))
-    },
-    **{f"{side}_ankle_flexion": 4 for side in SIDES},
+    f"{side}_{joint}": angle
+    for side in SIDES
+    for joint, angle in (
+        ("shoulder_abduction", 6),
+        ("elbow_flexion", 15),
+        ("hip_flexion", 4),
+        ("knee_flexion", 8),
+        ("ankle_flexion", 4),
+    )
 }
 _STOOPED: Final[Mapping[str, float]] = {
-    **{
-        "trunk_flexion": 42,
-        "trunk_side_bend": -6,
-        "trunk_twist": 14,
-        "neck_flexion": 24,
-        "neck_twist": 12,
-        "neck_side_bend": 4,
-    },
-    **{
-        "right_shoulder_flexion": 68,
-        "right_shoulder_abduction": 26,
-        "right_shoulder_rotation": 14,
-        "right_elbow_flexion": 62,
-    },
-    **{"right_forearm_pronation": 35, "right_wrist_flexion": -22, "right_wrist_deviation": 14},
-    **{
-        "left_shoulder_flexion": 52,
-        "left_shoulder_abduction": 12,
-        "left_shoulder_rotation": 20,
-        "left_elbow_flexion": 48,
-    },
-    **{"left_forearm_pronation": 20, "left_wrist_flexion": -10},
-    **{
-        f"{side}_{joint}": angle
-        for side in SIDES
-        for joint, angle in (("hip_flexion", 14), ("knee_flexion", 28))
-    },
+    "trunk_flexion": 42,
+    "trunk_side_bend": -6,
+    "trunk_twist": 14,
+    "neck_flexion": 24,
+    "neck_twist": 12,
+    "neck_side_bend": 4,
+    "right_shoulder_flexion": 68,
+    "right_shoulder_abduction": 26,
+    "right_shoulder_rotation": 14,
+    "right_elbow_flexion": 62,
+    "right_forearm_pronation": 35,
+    "right_wrist_flexion": -22,
+    "right_wrist_deviation": 14,
+    "left_shoulder_flexion": 52,
+    "left_shoulder_abduction": 12,
+    "left_shoulder_rotation": 20,
+    "left_elbow_flexion": 48,
+    "left_forearm_pronation": 20,
+    "left_wrist_flexion": -10,
+    **{f"{side}_hip_flexion": 14 for side in SIDES},
+    **{f"{side}_knee_flexion": 28 for side in SIDES},
     **{f"{side}_ankle_flexion": 14 for side in SIDES},
 }
 _TURNED: Final[Mapping[str, float]] = {

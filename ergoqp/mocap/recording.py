@@ -13,7 +13,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
-from ergoqp.mocap.formats.text import count_repeated_frames, to_seconds
+from ergoqp.mocap.formats.text import count_of, count_repeated_frames, to_seconds
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,13 @@ def with_times(
     motion = replace(motion if kept.all() else motion.at(kept), time=time)
     repeated = count_repeated_frames(motion.positions)
     return replace(motion, notes=(*notes, *motion.notes, *repeated))
+
+
+def count_note(stated: str, found: int, what: str) -> list[str]:
+    """Return a sentence if a file states another count of something than it has."""
+    if (count := count_of(stated)) in {None, found}:
+        return []
+    return [f"The file states {count} {what} and has {found}: all are read."]
 
 
 @dataclass(frozen=True)

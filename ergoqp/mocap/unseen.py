@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.human import FRACTIONS
 from ergoqp.joints import SIDES
@@ -103,8 +104,6 @@ def _turned(turns: np.ndarray, vectors: np.ndarray, back: bool = False) -> np.nd
 
     NaN where the quaternion is not seen or has no length.
     """
-    from scipy.spatial.transform import Rotation
-
     result = np.full((len(turns), 3), np.nan)
     vectors = np.broadcast_to(vectors, result.shape)
     seen = np.isfinite(turns).all(axis=1) & (np.abs(turns) > _NONE).any(axis=1)
@@ -140,8 +139,6 @@ def shoulders_of(
     name = motion.names[found["neck"][0]]
     if len(found["neck"]) > 1 or name not in motion.turns:
         return {}, ()
-    from scipy.spatial.transform import Rotation
-
     at = {
         centre: motion.positions[:, list(found[centre])].astype(float).mean(axis=1)
         for centre in needed

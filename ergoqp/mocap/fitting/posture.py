@@ -476,10 +476,7 @@ class Fit:
 
 
 def fit(
-    body: Body,
-    places: Mapping[str, np.ndarray],
-    time: np.ndarray,
-    progress: Progress = unseen,
+    body: Body, places: Mapping[str, np.ndarray], time: np.ndarray, progress: Progress = unseen
 ) -> Fit:
     """Return the postures of a body whose joint centres are known.
 

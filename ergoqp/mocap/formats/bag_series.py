@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.formats.text import count_repeated_frames, short, some, to_seconds, unit_turns
@@ -335,9 +336,6 @@ def _chain(where: str, name: str, parents: Mapping[str, str]) -> list[str]:
 
 def onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Return the product of two poses (n, 7): that of a frame, and a pose in that frame."""
-    # scipy is loaded here only, because most files need no rotations.
-    from scipy.spatial.transform import Rotation
-
     seen = np.isfinite(above).all(axis=1) & np.isfinite(pose).all(axis=1)
     out = np.full_like(pose, np.nan)
     if seen.any():
@@ -349,8 +347,6 @@ def onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 def _reversed(pose: np.ndarray) -> np.ndarray:
     """Return the inverse of poses (n, 7)."""
-    from scipy.spatial.transform import Rotation
-
     seen = np.isfinite(pose).all(axis=1)
     out = np.full_like(pose, np.nan)
     if seen.any():

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
@@ -52,24 +51,6 @@ class Joint:
     offset: np.ndarray
     channels: tuple[str, ...]
     depth: int
-
-
-@dataclass(frozen=True)
-class BvhText:
-    """A BVH file that is being read.
-
-    Attributes:
-        joints: the skeleton in the order of the file, which is that of the columns.
-        frame_time: period between two rows [s].
-        most: upper limit of the number of rows.
-        blocks: channel values, in blocks of rows (k, channels); finite [file unit, deg]. An error
-            in a row is raised when its block is read.
-    """
-
-    joints: tuple[Joint, ...]
-    frame_time: float
-    most: int
-    blocks: Iterator[np.ndarray]
 
 
 @dataclass
@@ -122,37 +103,6 @@ class _Cursor:
         if not abs(value) <= _LARGEST:  # also false for NaN
             self.fail(f"{what}: got {short(word)}, allowed finite numbers up to {_LARGEST:g}")
         return value
-
-
-@contextmanager
-def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
-    """Read and check a BVH file without trusting any number it states.
-
-    Args:
-        path: the file.
-        progress: is called with the share of the file that is read.
-
-    Yields:
-        The skeleton, the frame time, and the rows as numbers, block by block.
-
-    Raises:
-        RecordingError: if the file is missing, a folder, not text, or not a complete and finite BVH
-            file; with the line, what was found and what is allowed.
-    """
-    with binary(path) as file:
-        cursor = _Cursor(path, iter(()))
-        cursor.lines = _lines(file, cursor)
-        words = cursor.next("the line HIERARCHY")
-        if words != ["HIERARCHY"]:
-            cursor.fail(f"a BVH file starts with the line HIERARCHY, got {short(' '.join(words))}")
-        joints = _read_skeleton(cursor)
-        channels = sum(len(joint.channels) for joint in joints)
-        stated, stated_line, frame_time = _read_motion(cursor)
-        # A number and its separator are at least two bytes.
-        size = path.stat().st_size
-        most = min(stated, size // (2 * channels) + 1)
-        rows = _rows(cursor, channels, stated, stated_line)
-        yield BvhText(joints, frame_time, most, _told(rows, lambda: progress(file.tell() / size)))
 
 
 def _lines(file: BinaryIO, cursor: _Cursor) -> Iterator[str]:
@@ -283,12 +233,6 @@ def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iter
         yield np.array(block)
 
 
-def _told(blocks: Iterator[np.ndarray], after: Callable[[], None]) -> Iterator[np.ndarray]:
-    for block in blocks:
-        yield block
-        after()
-
-
 def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
     if len(words) != channels:
         cursor.fail(f"got a row of {len(words)} numbers, allowed {channels}, one for each channel")
@@ -328,22 +272,30 @@ def read_bvh(
     Raises:
         RecordingError: if the file is not a complete, finite BVH file.
     """
-    with opened(path, progress) as text:
+    with binary(path) as file:
+        cursor = _Cursor(path, iter(()))
+        cursor.lines = _lines(file, cursor)
+        words = cursor.next("the line HIERARCHY")
+        if words != ["HIERARCHY"]:
+            cursor.fail(f"a BVH file starts with the line HIERARCHY, got {short(' '.join(words))}")
+        joints = _read_skeleton(cursor)
+        channels = sum(len(joint.channels) for joint in joints)
+        stated, stated_line, frame_time = _read_motion(cursor)
+        # A number and its separator are at least two bytes.
+        size, count = path.stat().st_size, 0
+        most = min(stated, size // (2 * channels) + 1)
         # Single precision is finer than any measurement and halves the memory.
-        positions = np.empty((text.most, len(text.joints), 3), dtype=np.float32)
-        count = 0
-        for rows in text.blocks:
-            positions[count : count + len(rows)] = _places(text.joints, rows)
+        positions = np.empty((most, len(joints), 3), dtype=np.float32)
+        for rows in _rows(cursor, channels, stated, stated_line):
+            positions[count : count + len(rows)] = _places(joints, rows)
             count += len(rows)
-    rest = _places(
-        [Joint(joint.name, joint.offset, (), joint.depth) for joint in text.joints],
-        np.zeros((1, 0)),
-    )
-    note = f"The frames are uniform in time, {text.frame_time:g} s apart, as the file states."
+            progress(file.tell() / size)
+    rest = _places([replace(joint, channels=()) for joint in joints], np.zeros((1, 0)))
+    note = f"The frames are uniform in time, {frame_time:g} s apart, as the file states."
     return JointMotion(
-        tuple(joint.name for joint in text.joints),
+        tuple(joint.name for joint in joints),
         positions[:count],
-        text.frame_time * np.arange(count),
+        frame_time * np.arange(count),
         rest[0],
         (note, *count_repeated_frames(positions[:count])),
     )
@@ -354,9 +306,7 @@ def _places(joints: Sequence[Joint], rows: np.ndarray) -> np.ndarray:
     positions = np.empty((len(rows), len(joints), 3))
     column = 0
     # Positions and rotations of the possible parents of the next joint, the world first.
-    above = [
-        (np.zeros((len(rows), 3)), np.broadcast_to(np.eye(3), (len(rows), 3, 3))),
-    ]
+    above = [(np.zeros((len(rows), 3)), np.broadcast_to(np.eye(3), (len(rows), 3, 3)))]
     for number, joint in enumerate(joints):
         parent_position, parent_rotation = above[joint.depth]
         width = len(joint.channels)

@@ -35,7 +35,7 @@ from ergoqp.mocap.formats.text import (
     some,
     to_seconds,
 )
-from ergoqp.mocap.formats.trc import UNITS, UNITS_WORDS
+from ergoqp.mocap.formats.trc import UNITS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
 
@@ -113,10 +113,6 @@ class Header:
         """Return a parameter; None if there is none."""
         return self.parameters.get(group, {}).get(name)
 
-    def number(self, group: str, name: str) -> float | None:
-        """Return the first number of a parameter; None if there is none."""
-        return _first(self.of(group, name))
-
     def texts(self, group: str, name: str) -> list[str]:
         """Return the texts of a parameter and its continuations: LABELS, LABELS2 and so on."""
         found: list[str] = []
@@ -184,26 +180,23 @@ def read_header(path: Path, file: BinaryIO) -> Header:
     point = parameters.get("POINT", {})
     scale, rate = (float(numbers.floats(top[at : at + 4])[0]) for at in (12, 20))
     hertz, notes = _rate(path, rate, _first(point.get("RATE")))
+    # The parameter is preferred to the header.
+    stated = _first(point.get("SCALE"))
+    scale = stated if stated is not None and isfinite(stated) and stated else scale
+    if not (isfinite(scale) and scale):
+        fail(path, f"scale of the points: got {scale:g}, allowed a number that is not 0")
     return Header(
         points=words[1],
         analog=words[2],
         first=words[3],
         last=words[4],
-        scale=_scale(path, scale, _first(point.get("SCALE"))),
+        scale=scale,
         start=start,
         rate=hertz,
         numbers=numbers,
         parameters=parameters,
         notes=notes,
     )
-
-
-def _scale(path: Path, header: float, stated: float | None) -> float:
-    """Return the scale of the points; the parameter is preferred to the header."""
-    scale = stated if stated is not None and isfinite(stated) and stated else header
-    if not (isfinite(scale) and scale):
-        fail(path, f"scale of the points: got {scale:g}, allowed a number that is not 0")
-    return scale
 
 
 def _rate(path: Path, header: float, stated: float | None) -> tuple[float, tuple[str, ...]]:
@@ -287,18 +280,13 @@ def _value(raw: bytes, at: int, numbers: Numbers) -> Any:
     data = raw[data_at : data_at + size]
     if len(data) < size:
         return None
+    if kind == -1 and dimensions < 2:
+        return _text(data)
     if kind == -1:
-        return _texts(data, shape)
+        return [_text(data[at : at + shape[0]]) for at in range(0, size, shape[0] or 1)]
     if kind == 1:
         return np.frombuffer(data, "u1")
     return numbers.integers(data) if kind == 2 else numbers.floats(data)
-
-
-def _texts(data: bytes, shape: list[int]) -> str | list[str]:
-    if len(shape) < 2:
-        return _text(data)
-    length = shape[0]
-    return [_text(data[at : at + length]) for at in range(0, len(data), length or 1)]
 
 
 def _text(raw: bytes) -> str:
@@ -320,19 +308,6 @@ _LONGEST: Final = 65_535
 _LARGEST: Final = 1 << 53
 
 
-@dataclass(frozen=True)
-class _Count:
-    """A stated number of frames.
-
-    Attributes:
-        frames: the number.
-        ended: whether it is the largest that can be stated there.
-    """
-
-    frames: int
-    ended: bool = False
-
-
 def frames_of(path: Path, file: BinaryIO, header: Header, size: int) -> tuple[int, tuple[str, ...]]:
     """Return the number of frames of a file, and sentences.
 
@@ -349,16 +324,14 @@ def frames_of(path: Path, file: BinaryIO, header: Header, size: int) -> tuple[in
     there = max(size - header.start, 0) // header.frame_bytes
     counts, counted = _stated(header), (header.last - header.first + 1) % (_LONGEST + 1)
     if header.last < header.first and counted and _fills(counted, header, size):
-        counts.append(_Count(counted))
-    fitting = [count for count in counts if _fills(count.frames, header, size)]
-    chosen = next(iter(fitting or counts), _Count(0))
-    count = chosen.frames
-    anew = [counted, *(each.frames for each in counts)]
+        counts.append((counted, False))
+    fitting = [each for each in counts if _fills(each[0], header, size)]
+    count, ended = next(iter(fitting or counts), (0, False))
     more = there - count
     if count <= _LONGEST and (
-        (fitting and chosen.ended and more and _tail(file, header, count))
-        or (not fitting and any(each.ended and there > each.frames for each in counts))
-        or (not fitting and any(_begun_anew(each, header, size) for each in anew))
+        (fitting and ended and more and _tail(file, header, count))
+        or (not fitting and any(last and there > frames for frames, last in counts))
+        or (not fitting and any(_begun_anew(n, header, size) for n, _ in [(counted, 0), *counts]))
     ):
         fail(
             path,
@@ -379,18 +352,21 @@ def frames_of(path: Path, file: BinaryIO, header: Header, size: int) -> tuple[in
     )
 
 
-def _stated(header: Header) -> list[_Count]:
-    """Return the counts that a file states, the surest first."""
+def _stated(header: Header) -> list[tuple[int, bool]]:
+    """Return the counts of frames that a file states, the surest first.
+
+    Each has whether it is the largest that can be stated there.
+    """
     short = _whole(header.of("POINT", "FRAMES"))
     trial = [header.of("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END")]
     counts = [
-        _Count(short if short != _LONGEST else 0),
-        _Count(_whole(header.of("POINT", "LONG_FRAMES"))),
-        _Count(_between(*trial)),
-        _Count(short if short == _LONGEST else 0, ended=True),
-        _Count(header.last - header.first + 1, ended=header.last == _LONGEST),
+        (short if short != _LONGEST else 0, False),
+        (_whole(header.of("POINT", "LONG_FRAMES")), False),
+        (_between(*trial), False),
+        (short if short == _LONGEST else 0, True),
+        (header.last - header.first + 1, header.last == _LONGEST),
     ]
-    return [count for count in counts if count.frames > 0]
+    return [each for each in counts if each[0] > 0]
 
 
 def _whole(value: object) -> int:
@@ -480,8 +456,7 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     time, _, uniform = to_seconds(path.name, np.arange(count) / header.rate, 1.0)
     if others := len(labels) - len(markers) - len(angles):
         notes.append(f"{others} points are computed (forces, moments, powers) and left out.")
-    units = header.text("POINT", "UNITS")
-    unit = UNITS.get(units, UNITS_WORDS.get(units))
+    unit = UNITS.get(header.text("POINT", "UNITS"))
     if not header.text("POINT", "ANGLE_UNITS").startswith("rad"):
         bent *= np.float32(np.pi / 180)
     return JointMotion(
@@ -580,8 +555,8 @@ def _points(raw: bytes, header: Header, count: int) -> np.ndarray:
 def _measures(header: Header, unit: float | None) -> dict[str, float]:
     """Return the measures of the person [m]; none if the unit is unknown."""
     found = {}
-    for name in header.parameters.get(_SUBJECT, {}):
-        value = header.number(_SUBJECT, name)
+    for name, stated in header.parameters.get(_SUBJECT, {}).items():
+        value = _first(stated)
         if unit is not None and value is not None and 0 < value <= _FARTHEST:
             found[name.casefold()] = value * unit
     return found

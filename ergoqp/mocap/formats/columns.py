@@ -283,7 +283,7 @@ _OTHER: Final = re.compile(
 _CONFIDENCE: Final = re.compile(
     r"(?P<name>.*?)[\s._:/-]*(?P<head>confidence(?:[\s_]?level)?|visibility|likelihood|score|"
     r"quality|(?:joint)?tracking[\s_]?state|(?:(?<=[\s._:/-])|\A)(?:conf|state|tracked|valid|"
-    r"visible|probability|prob|p|c))\s*(?:[\[(].*[\])])?",
+    r"visible|probability|prob|p|c))\s*(?:[\[(].*[\])])?"
 )
 _FRAMES: Final = frozenset({"frame", "frameid", "frameno", "framenumber", "frame#", "frameindex"})
 _NANO: Final = re.compile(r"(?P<stem>(?:.*[\s._:/-])?)(?:nano_?sec(?:ond)?s?|nsecs?)", re.I)
@@ -358,7 +358,11 @@ def layout_from_header(lines: TextLines, header: list[list[str]], width: int) ->
             layout.frame = column if layout.frame is None else layout.frame
         elif match := _CONFIDENCE.fullmatch(word.lower()):
             confidences.append((match["name"], match["head"], column))
-        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
+        elif (
+            (match := _COLUMN.fullmatch(word))
+            and (name := match["name"])
+            and not _NO_PLACE.fullmatch(name)
+        ):
             found = axes.setdefault(name, {})
             if match["axis"].lower() in found:
                 twice.setdefault(name, word)
@@ -425,9 +429,7 @@ def layout_without_header(lines: TextLines, first: list[str], asked: TableOption
     return ColumnLayout(points, width)
 
 
-def _without_units(
-    header: list[list[str]],
-) -> tuple[list[list[str]], float | None, float | None]:
+def _without_units(header: list[list[str]]) -> tuple[list[list[str]], float | None, float | None]:
     """Return the rows without a last row of units, and its units of length [m] and time [s]."""
     units = [word.strip("[]()").lower() for word in header[-1] if word]
     lengths = [_METRES[word] for word in units if word in _METRES]
@@ -455,10 +457,6 @@ def _named(header: list[list[str]]) -> list[str]:
         else:
             names.append(word or over)
     return names
-
-
-def _is_place(name: str) -> bool:
-    return bool(name) and not _NO_PLACE.fullmatch(name)
 
 
 def _with_nanoseconds(row: list[str], time: int | None) -> tuple[int | None, int | None]:

@@ -30,7 +30,7 @@ from ergoqp.mocap.formats.text import (
     text_lines,
     unit_turns,
 )
-from ergoqp.mocap.recording import JointMotion, with_times
+from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
 _AXES: Final = {"Position": "XYZ", "Rotation": "XYZW"}
@@ -115,6 +115,11 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
                 unit_turns(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
             ),
         )
+    total, found = count_of(stated.get("Total Exported Frames", "")), len(positions)
+    if total is not None and total > found:
+        raise RecordingError(
+            f"{path.name}: got {found} frames, allowed {total} as stated; the recording is cut"
+        )
     units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}
     objects = {
         thing.name: poses_of(positions[:, i], units[id(thing)])
@@ -125,7 +130,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         tuple(points),
         positions[:, : len(points)],
         _times(numbered, stated),
-        notes=_counted(path, stated, len(positions)),
+        notes=tuple(count_note(stated.get("Total Exported Frames", ""), found, "frames")),
         turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},
         objects=objects,
         markers=not bones and any(t.kind != "Rigid Body" for t in points.values()),
@@ -196,14 +201,3 @@ def _times(numbered: np.ndarray, stated: Mapping[str, str]) -> np.ndarray:
         if (np.abs(exact - stamps) < _ROUNDED).all():
             return exact
     return stamps
-
-
-def _counted(path: Path, stated: Mapping[str, str], found: int) -> tuple[str, ...]:
-    total = count_of(stated.get("Total Exported Frames", ""))
-    if total is None or total == found:
-        return ()
-    if total > found:
-        raise RecordingError(
-            f"{path.name}: got {found} frames, allowed {total} as stated; the recording is cut"
-        )
-    return (f"The file states {total} frames and has {found}: all are read.",)

@@ -7,7 +7,6 @@ others; in what is read here, version 4 is the same.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -207,7 +206,7 @@ def together(path: Path, people: list[Wearer]) -> JointMotion:
     if len(people) == 1:
         return people[0].motion("")
     motions = [each.motion(f"{each.label}:") for each in people]
-    labels = Counter(each.label for each in people)
+    labels = {each.label for each in people}
     if len(labels) < len(people) or "" in labels:
         named = ", ".join(short(each.label) for each in people)
         raise RecordingError(

@@ -24,20 +24,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.mocap.formats.opensim_models import MODELS, OpenSimModel, Step
+from ergoqp.mocap.formats.opensim_models import MODELS, OpenSimModel
 from ergoqp.mocap.formats.text import (
     TableOptions,
     cells,
-    count_of,
     read_rows,
     separator_of,
     short,
@@ -46,10 +46,7 @@ from ergoqp.mocap.formats.text import (
     to_seconds,
 )
 from ergoqp.mocap.naming import CENTRES, parted
-from ergoqp.mocap.recording import JointMotion
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
+from ergoqp.mocap.recording import JointMotion, count_note
 
 _HEAD: Final = 200
 """Largest number of rows above the numbers."""
@@ -96,8 +93,7 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
             lines.fail("got a column twice, allowed each once")
         (values,) = read_rows(lines, separator, len(names), lambda rows: (rows,))
     time, kept, notes = to_seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
-    if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
-        notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")
+    notes = count_note(stated.get("nrows", ""), len(values), "rows") + notes
     degrees = stated.get("indegrees", "no") in {"yes", "true", "1"}
     if "indegrees" not in stated:
         degrees = "version" not in stated and path.suffix.lower() == ".mot"
@@ -280,7 +276,7 @@ def _is_backward(hinge: np.ndarray) -> bool:
 _AXIAL: Final = ("pelvis", "trunk")
 _POSE: Final = ("_rotx", "_roty", "_rotz", "_transx", "_transy", "_transz")
 """Endings of the coordinates of an object."""
-Turns = dict[str, tuple["Rotation", np.ndarray]]
+Turns = dict[str, tuple[Rotation, np.ndarray]]
 """Segment -> its orientation in the axes of the model, and whether that is known (n,) bool."""
 _BLOCK: Final = 8192
 """Frames that are computed at once, because an hour does not fit into memory."""
@@ -379,16 +375,14 @@ def _places(
 def _bones(body: Body) -> Iterable[tuple[str, str, str, np.ndarray]]:
     """Yield each centre, the one before, the segment between, and the offset in its axes (3,)."""
     size = body.lengths
-    for centre, start, segment, offset in (
-        ("neck", "pelvis", "trunk", (0.0, size["trunk"], 0.0)),
-        ("shoulder", "pelvis", "trunk", (0.0, size["shoulder_height"], size["shoulder_width"] / 2)),
-        ("elbow", "shoulder", "upper_arm", (0.0, -size["upper_arm"], 0.0)),
-        ("wrist", "elbow", "forearm", (0.0, -size["forearm"], 0.0)),
-        ("hip", "pelvis", "pelvis", (0.0, 0.0, size["hip_width"] / 2)),
-        ("knee", "hip", "thigh", (0.0, -size["thigh"], 0.0)),
-        ("ankle", "knee", "shank", (0.0, -size["shank"], 0.0)),
-    ):
-        yield centre, start, segment, np.array(offset)
+    shoulder = np.array([0.0, size["shoulder_height"], size["shoulder_width"] / 2])
+    yield "neck", "pelvis", "trunk", np.array([0.0, size["trunk"], 0.0])
+    yield "shoulder", "pelvis", "trunk", shoulder
+    yield "elbow", "shoulder", "upper_arm", np.array([0.0, -size["upper_arm"], 0.0])
+    yield "wrist", "elbow", "forearm", np.array([0.0, -size["forearm"], 0.0])
+    yield "hip", "pelvis", "pelvis", np.array([0.0, 0.0, size["hip_width"] / 2])
+    yield "knee", "hip", "thigh", np.array([0.0, -size["thigh"], 0.0])
+    yield "ankle", "knee", "shank", np.array([0.0, -size["shank"], 0.0])
     for centre, start, segment in (
         ("knuckles", "wrist", "hand"),
         ("thumb", "wrist", "hand"),
@@ -400,8 +394,6 @@ def _bones(body: Body) -> Iterable[tuple[str, str, str, np.ndarray]]:
 
 def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list[str]]:
     """Return the orientations of the segments that are determined, and the missing coordinates."""
-    from scipy.spatial.transform import Rotation
-
     found: Turns = {}
     lacking: dict[str, None] = {}
     for name, segment in model.segments.items():
@@ -430,8 +422,6 @@ def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list
 
 def _about(axis: np.ndarray, angle: np.ndarray) -> Rotation:
     """Return rotations by angles (n,) [rad]; the identity where an angle is unknown."""
-    from scipy.spatial.transform import Rotation
-
     known = np.where(np.isfinite(angle), angle, 0.0)
     return Rotation.from_rotvec(known[:, None] * axis / np.linalg.norm(axis))
 
@@ -443,7 +433,10 @@ def _turned(turn: tuple[Rotation, np.ndarray], offset: np.ndarray) -> np.ndarray
 
 def _objects(model: OpenSimModel, angles: Angles) -> dict[str, np.ndarray]:
     """Return the poses (n, 4, 4) of the objects in the file, in the axes of the centres."""
-    found, back = {}, _fixed(model.ground).inv()
+    back = Rotation.identity()
+    for angle, axis in model.ground:
+        back = back * Rotation.from_rotvec(float(angle) * np.array(axis))
+    found, back = {}, back.inv()
     for name in (each.removesuffix(_POSE[0]) for each in angles if each.endswith(_POSE[0])):
         if any(name + end not in angles for end in _POSE):
             continue
@@ -457,16 +450,6 @@ def _objects(model: OpenSimModel, angles: Angles) -> dict[str, np.ndarray]:
         poses[~np.isfinite(numbers).all(axis=0), :3] = np.nan
         found[name] = poses
     return found
-
-
-def _fixed(steps: tuple[Step, ...]) -> Rotation:
-    """Return the product of rotations by fixed angles."""
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.identity()
-    for angle, axis in steps:
-        turn = turn * Rotation.from_rotvec(float(angle) * np.array(axis))
-    return turn
 
 
 def _sided(name: str, side: str) -> str:
@@ -507,9 +490,8 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
     Raises:
         RecordingError: if a joint turns by more than two whole turns.
     """
-    theirs, person = own_angles(motion.angles), body or Body()
-    columns = []
-    for joint, name in theirs.items():
+    person, columns = body or Body(), []
+    for joint, name in own_angles(motion.angles).items():
         angle = np.asarray(motion.angles[name], dtype=float)
         most = float(np.fmax.reduce(np.abs(angle), initial=0.0))
         if most > _MOST_OF_A_JOINT:
@@ -519,11 +501,12 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
             )
         # A straight hinge would not show the rotation of the limb, which the file states.
         columns.append(np.maximum(angle, BENT) if joint.endswith(_HINGES) else angle)
+    posture, kinematics = ca.SX.sym("q", len(JOINTS)), Kinematics(person)
+    centres = [kinematics.at(centre, posture)[0] for centre in CENTRES]
+    function = ca.Function("centres", [posture], [ca.densify(ca.vertcat(*centres))])
     postures = np.stack(columns, axis=1)
-    function = _centres(person)
-    places = [
-        np.array(function(postures[at : at + _POSTURES_BLOCK].T)) for at in _starts(len(postures))
-    ]
+    starts = range(0, len(postures), _POSTURES_BLOCK)
+    places = [np.array(function(postures[at : at + _POSTURES_BLOCK].T)) for at in starts]
     positions = np.hstack(places).reshape(len(CENTRES), 3, -1).transpose(2, 0, 1)
     notes = [
         "The joint centres are placed by the file's angles of the joints of ergoqp, with the"
@@ -541,14 +524,3 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
         unit=1.0,
         up="z",
     )
-
-
-def _starts(count: int) -> range:
-    return range(0, count, _POSTURES_BLOCK)
-
-
-def _centres(body: Body) -> ca.Function:
-    """Return a function: posture (32,) -> positions of `CENTRES` in the pelvis frame."""
-    posture, kinematics = ca.SX.sym("q", len(JOINTS)), Kinematics(body)
-    places = [kinematics.at(centre, posture)[0] for centre in CENTRES]
-    return ca.Function("centres", [posture], [ca.densify(ca.vertcat(*places))])

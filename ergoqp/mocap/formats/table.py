@@ -9,7 +9,6 @@ states the person.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -29,7 +28,7 @@ from ergoqp.mocap.formats.columns import (
 )
 from ergoqp.mocap.formats.text import (
     EMPTY,
-    ColumnSelection,
+    ChosenColumn,
     TableOptions,
     TextLines,
     cells,
@@ -82,8 +81,8 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
                 f"{path.name}: got no column of times, allowed one that is called time or"
                 f" timestamp{_RATE}"
             )
-        table = _Table(path.name, layout, asked.rate)
-        chosen = table.chosen(lines, words, line)
+        table = _Table(path.name, layout, asked.rate, words)
+        chosen = table.chosen(lines, line)
         arrays = read_rows(
             lines,
             separator,
@@ -92,7 +91,7 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
             layout.time is None,
             chosen,
         )
-    notes = table.unread(words)
+    notes = table.unread()
     if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
     return table.motion(*arrays, notes=notes)
@@ -101,10 +100,14 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
 class _Table:
     """The numbers of a table, as they are read."""
 
-    def __init__(self, where: str, layout: ColumnLayout, rate: float | None) -> None:
-        self._where = where
-        self._layout = layout
-        self._rate = rate
+    def __init__(
+        self, where: str, layout: ColumnLayout, rate: float | None, words: list[str]
+    ) -> None:
+        """Begin before the first row of numbers, whose words are given."""
+        self._where, self._layout, self._rate, self._words = where, layout, rate, words
+        self._texts = {
+            i for i, word in enumerate(words) if not is_nothing(word) and not is_number(word)
+        }
         self._people = People()
         self._confidence = ConfidenceFilter(layout.confidence)
         self._points = [c for columns in layout.points.values() for c in columns]
@@ -119,53 +122,40 @@ class _Table:
             self._key = layout.time if rate is None or several else None
         self._fine = layout.fine if self._key is not None and not self._numbered else None
 
-    def chosen(self, lines: TextLines, words: list[str], line: int) -> ColumnSelection:
+    def chosen(self, lines: TextLines, line: int) -> list[ChosenColumn]:
         """Return the columns that are read.
 
         Args:
             lines: the file, for messages.
-            words: the first row of numbers.
-            line: number of its line.
+            line: number of the line of the first row of numbers.
 
         Raises:
             RecordingError: if there is a word in place of a number.
         """
-        layout = self._layout
-        words = [*words, *[""] * layout.width][: layout.width]
-        texts = {i for i, word in enumerate(words) if not is_nothing(word) and not is_number(word)}
+        layout, key, texts = self._layout, self._key, self._texts
         if wrong := [column for column in self._points if column in texts]:
             lines.fail(
-                f"got {short(words[wrong[0]])} in the column {short(layout.name_of(wrong[0]))},"
-                " allowed a number",
+                f"got {short(self._words[wrong[0]])} in the column"
+                f" {short(layout.name_of(wrong[0]))}, allowed a number",
                 line,
             )
-        confidence = [each.column for each in layout.confidence]
-        others = [c for c in (self._key, self._fine, layout.whose) if c is not None]
-        columns = [*self._points, *confidence, *others]
-        told: dict[int, Callable[[str], str]] = {
-            i: parse_tracking_state
-            for i, column in enumerate(columns)
-            if column in confidence and column in texts
-        }
-        if self._key is not None and self._key in texts:
-            told[columns.index(self._key, len(self._points))] = ClockTimeParser(
-                layout.name_of(self._key)
-            )
+        columns: list[ChosenColumn] = [(column, None) for column in self._points]
+        for each in layout.confidence:
+            columns.append((each.column, parse_tracking_state if each.column in texts else None))
+        if key is not None:
+            columns.append((key, ClockTimeParser(layout.name_of(key)) if key in texts else None))
+        if self._fine is not None:
+            columns.append((self._fine, None))
         if layout.whose is not None:
-            told[len(columns) - 1] = self._people
-        return ColumnSelection(columns, told)
+            columns.append((layout.whose, self._people))
+        return columns
 
-    def unread(self, words: list[str]) -> list[str]:
+    def unread(self) -> list[str]:
         """Return a sentence with the columns that are not read although a user may expect it."""
         layout = self._layout
         used = {*self._points, *(each.column for each in layout.confidence)}
         used |= {layout.time, layout.fine, layout.frame, layout.whose}
-        texts = [
-            i
-            for i, word in enumerate(words)
-            if i not in used and not is_nothing(word) and not is_number(word)
-        ]
-        if not (columns := sorted({*layout.unread, *texts})):
+        if not (columns := sorted({*layout.unread, *(self._texts - used)})):
             return []
         if len(columns) == 1:
             return [f"The column {layout.name_of(columns[0])} is not read."]

@@ -1,21 +1,21 @@
 """Text of unknown origin: encodings, numbered lines, tables of numbers, times and poses.
 
-Tables of numbers in text files, read block by block because an hour of markers is large.
-
-A blank is a value that was not seen. A word in place of a number is an error that names its line.
+Tables are read block by block, because an hour of markers is large. A blank is a value that was not
+seen. A word in place of a number is an error that names its line.
 """
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
@@ -224,18 +224,9 @@ class TableOptions:
     rate: float | None = None
 
 
-@dataclass(frozen=True)
-class ColumnSelection:
-    """The columns of a table that are read.
-
-    Attributes:
-        columns: their indices, in the order in which they are returned.
-        told: index among them -> function that converts a word to the text of a number; it raises a
-            ValueError whose text continues the message after the word.
-    """
-
-    columns: Sequence[int]
-    told: Mapping[int, Callable[[str], str]] = field(default_factory=dict)
+ChosenColumn = tuple[int, Callable[[str], str] | None]
+"""Index of a column that is read, and the function that converts its words to the text of a number,
+if they are not numbers; it raises a ValueError whose text continues the message after the word."""
 
 
 @dataclass
@@ -280,7 +271,7 @@ def blocks(
     separator: str | None,
     width: int,
     blanks: bool = False,
-    chosen: ColumnSelection | None = None,
+    chosen: Sequence[ChosenColumn] | None = None,
 ) -> Iterator[np.ndarray]:
     """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
 
@@ -292,7 +283,7 @@ def blocks(
         separator: separator of the numbers; None for any white space.
         width: numbers in a row.
         blanks: whether a row of separators only is a frame in which nothing was seen.
-        chosen: the columns that are read, if not all are.
+        chosen: the columns that are read, in the order in which they are returned, if not all are.
     """
     decimal = separator in {"\t", ";"}
     count = 0
@@ -311,7 +302,13 @@ def blocks(
         values = np.array([_values(lines, i, row, separator, width, chosen) for i, row in rows])
         if (large := np.argwhere(np.abs(values) > LARGEST)).size:
             at, column = large[0]
-            lines.fail(_too_large(float(values[at, column])), rows[at][0])
+            value = values[at, column]
+            got = (
+                "a number that is not finite"
+                if np.isinf(value)
+                else f"{value:g}, which is too large"
+            )
+            lines.fail(f"got {got}, allowed numbers up to {LARGEST:g}", rows[at][0])
         yield values
 
 
@@ -321,7 +318,7 @@ def read_rows(
     width: int,
     split: Callable[[np.ndarray], Sequence[np.ndarray]],
     blanks: bool = False,
-    chosen: ColumnSelection | None = None,
+    chosen: Sequence[ChosenColumn] | None = None,
 ) -> list[np.ndarray]:
     """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
 
@@ -393,7 +390,7 @@ def _values(
     row: str,
     separator: str | None,
     width: int,
-    chosen: ColumnSelection | None,
+    chosen: Sequence[ChosenColumn] | None,
 ) -> list[float]:
     """Return the numbers of a row."""
     words = row.split(separator)
@@ -402,15 +399,15 @@ def _values(
     count = len(words)
     if count > width or (separator is None and count < width):
         lines.fail(f"got a row of {count} numbers, allowed {width}", line)
-    if count < width:
-        if line == lines.line and not lines.ends:
-            lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
-        words += [""] * (width - count)
+    if count < width and line == lines.line and not lines.ends:
+        lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
+    words += [""] * (width - count)
     if chosen is not None:
-        words = [words[column] for column in chosen.columns]
-        row = row if row.isascii() and "_" not in row else "".join(words)
-        for i, number in chosen.told.items():
-            words[i] = _told(lines, line, number, words[i])
+        words = [
+            words[column] if number is None else _told(lines, line, number, words[column])
+            for column, number in chosen
+        ]
+        row = "".join(words)
     # `float` also accepts what no file has: 1_0, and digits of all scripts.
     if "_" not in row and row.isascii():
         try:
@@ -439,12 +436,6 @@ def _number(lines: TextLines, line: int, word: str) -> float:
     return float(word)
 
 
-def _too_large(value: float) -> str:
-    if np.isinf(value):
-        return f"got a number that is not finite, allowed numbers up to {LARGEST:g}"
-    return f"got {value:g}, which is too large, allowed numbers up to {LARGEST:g}"
-
-
 def poses_of(positions: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """Return poses (n, 4, 4) from positions (n, 3) and quaternions x, y, z, w (n, 4).
 
@@ -455,9 +446,6 @@ def poses_of(positions: np.ndarray, turns: np.ndarray) -> np.ndarray:
     poses[:, :3, 3] = positions
     seen = np.isfinite(turns).all(axis=1) & (np.linalg.norm(turns, axis=1) > 0.5)
     if seen.any():
-        # scipy is loaded here only, because most files need no rotations.
-        from scipy.spatial.transform import Rotation
-
         poses[seen, :3, :3] = Rotation.from_quat(turns[seen]).as_matrix()
     return poses
 
@@ -540,8 +528,7 @@ def to_seconds(
             notes.append(f"Times are taken as {_UNITS[unit]}.")
     time = unit * time
     kept, said = drop_duplicate_times(where, time, shown, remedy)
-    time = time if kept.all() else time[kept]
-    return time, kept, [*said, *notes, _spacing(time)]
+    return time[kept], kept, [*said, *notes, _spacing(time[kept])]
 
 
 def drop_duplicate_times(
@@ -611,9 +598,8 @@ def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
     usual = float(np.median(steps))
     for unit, name in _UNITS.items():
         if abs(unit * usual * rate - 1) <= _ALIKE:
-            if unit == 1.0:
-                return unit, []
-            return unit, [f"Times are taken as {name}: the file states {rate:g} frames per second."]
+            said = f"Times are taken as {name}: the file states {rate:g} frames per second."
+            return unit, [] if unit == 1.0 else [said]
     return 1.0, [
         f"The file states {rate:g} frames per second, but its times give {1 / usual:.4g}: the times"
         " are used."

@@ -16,7 +16,6 @@ from ergoqp.arguments import Progress
 from ergoqp.mocap.formats.text import (
     TableOptions,
     cells,
-    count_of,
     is_number,
     points_of,
     read_rows,
@@ -25,10 +24,13 @@ from ergoqp.mocap.formats.text import (
     text_lines,
     unit_by_rate,
 )
-from ergoqp.mocap.recording import JointMotion, with_times
+from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
-UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254}
-UNITS_WORDS: Final = {"millimeters": 0.001, "centimeters": 0.01, "meters": 1.0}
+UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254} | {
+    "millimeters": 0.001,
+    "centimeters": 0.01,
+    "meters": 1.0,
+}
 
 
 def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion:
@@ -73,21 +75,16 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     rate = stated.get("datarate", "").replace(",", ".")
     second, notes = unit_by_rate(stamps, float(rate)) if is_number(rate) else (1.0, [])
     counts = [
-        f"The file states {count} {what} and has {found}: all are read."
-        for key, found, what in (
-            ("numframes", len(positions), "frames"),
-            ("nummarkers", len(names), "markers"),
-        )
-        if (count := count_of(stated.get(key, ""))) not in {None, found}
+        *count_note(stated.get("numframes", ""), len(positions), "frames"),
+        *count_note(stated.get("nummarkers", ""), len(names), "markers"),
     ]
-    unit = stated.get("units", "").lower()
     motion = JointMotion(
         tuple(names),
         positions,
         stamps,
         notes=tuple(counts),
         markers=True,
-        unit=UNITS.get(unit, UNITS_WORDS.get(unit)),
+        unit=UNITS.get(stated.get("units", "").lower()),
     )
     motion = with_times(path.name, motion, second)
     return replace(motion, notes=(*notes, *motion.notes))

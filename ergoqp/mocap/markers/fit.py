@@ -252,7 +252,8 @@ def markers_on(
     found: dict[str, Marker] = {}
     for names in _together(markers, landmarks):
         best: tuple[float, str, list[np.ndarray]] | None = None
-        for frame in _beside(landmarks[names[0]]):
+        mark = landmarks[names[0]]
+        for frame in LANDMARK_SEGMENTS.get(mark, [mark]):
             i = SEGMENTS.index(frame)
             local = [
                 np.einsum("nji,nj->ni", turns[:, i], markers[name] - places[:, i]) for name in names
@@ -315,13 +316,6 @@ def _together(
     return list(groups.values())
 
 
-def _beside(landmark: str) -> list[str]:
-    """Return the frames that a marker may be fixed to."""
-    if landmark in SEGMENTS:
-        return [landmark]
-    return LANDMARK_SEGMENTS[landmark]
-
-
 def _fit_middle(local: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the mean of points (n, 3) without outliers, and the median distance from it."""
     local = local[np.isfinite(local).all(axis=1)]
@@ -363,10 +357,7 @@ _DRAWN: Final = np.array([0.2, 0.2, 0.2, 0.5, *np.full(len(JOINTS), 0.35)])
 
 
 def told_markers(
-    body: Body,
-    start: np.ndarray,
-    markers: Mapping[str, np.ndarray],
-    sits: Mapping[str, Marker],
+    body: Body, start: np.ndarray, markers: Mapping[str, np.ndarray], sits: Mapping[str, Marker]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return estimated positions of markers from those that are seen, and standard deviations.
 
@@ -490,11 +481,8 @@ _STEADY: Final = 0.03
 
 def has_gaps(motion: JointMotion, used: Mapping[str, str]) -> bool:
     """Return whether a used marker that is seen at all is lost in some frame."""
-    for name in used:
-        seen = np.isfinite(motion.of(name)[:, 0])
-        if seen.any() and not seen.all():
-            return True
-    return False
+    seen = (np.isfinite(motion.of(name)[:, 0]) for name in used)
+    return any(each.any() and not each.all() for each in seen)
 
 
 def completed(

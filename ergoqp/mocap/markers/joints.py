@@ -245,12 +245,7 @@ def _arm(
 
 
 def _leg(
-    side: str,
-    out: float,
-    place: _Landmarks,
-    hip: np.ndarray,
-    left: np.ndarray,
-    widths: Widths,
+    side: str, out: float, place: _Landmarks, hip: np.ndarray, left: np.ndarray, widths: Widths
 ) -> dict[str, np.ndarray]:
     knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
     # The shank bends backward.
@@ -263,11 +258,7 @@ def _leg(
     aside = either(knee - middle, aside)
     aside = either(_shown(middle, ankle, place[f"{side}_shank"]), aside)
     low = either(both, inside(middle, ankle, aside, widths.ankle))
-    return {
-        f"{side}_knee": middle,
-        f"{side}_ankle": low,
-        f"{side}_toe": place[f"{side}_forefoot"],
-    }
+    return {f"{side}_knee": middle, f"{side}_ankle": low, f"{side}_toe": place[f"{side}_forefoot"]}
 
 
 def _knee(
@@ -454,10 +445,7 @@ def _unplaced(where: str, at: Mapping[str, np.ndarray]) -> str:
 
 
 def unit_of_markers(
-    motion: JointMotion,
-    where: str,
-    landmarks: Mapping[str, tuple[int, ...]],
-    stated: float | None,
+    motion: JointMotion, where: str, landmarks: Mapping[str, tuple[int, ...]], stated: float | None
 ) -> float:
     """Return the stated unit, or the only one that gives the width of a person [m].
 
@@ -502,7 +490,7 @@ def _said(widths: Widths, filled: Counter[str], count: int) -> list[str]:
         " a marker."
     ]
     words = "are not seen and are placed by those that move with them"
-    return [*said, *_counted(words, filled, count)]
+    return [*said, *_counted(words, _most_first(filled), count)]
 
 
 def astray_said(motion: JointMotion, astray: Astray) -> list[str]:
@@ -513,23 +501,29 @@ def astray_said(motion: JointMotion, astray: Astray) -> list[str]:
     words = "are far from those that move with them and are left out"
     if any(words in note for note in motion.notes):
         return []
-    counts = Counter({name: len(frames) for name, frames in astray.items()})
-    return _counted(words, counts, len(motion.time))
-
-
-def _counted(words: str, each: Counter[str], count: int) -> list[str]:
-    each = +each
-    if not each:
-        return []
-    # Equal counts are sorted by name, so that the order does not depend on the blocks.
-    most = sorted(each.items(), key=lambda pair: (-pair[1], pair[0]))[:6]
-    shares = ", ".join(f"{name.replace('_', ' ')} in {frames}" for name, frames in most)
-    more = f" and {len(each) - 6} more markers" if len(each) > 6 else ""
-    return [f"Of {count} frames, markers {words}: {shares}{more}."]
+    return _counted(
+        words, _most_first({name: len(frames) for name, frames in astray.items()}), len(motion.time)
+    )
 
 
 _MOST: Final = 6
 """Largest number of markers that a sentence names."""
+
+
+def _most_first(counts: Mapping[str, int]) -> list[tuple[str, int]]:
+    """Return names in words and counts, the largest first."""
+    # Equal counts are sorted by name, so that the order does not depend on the blocks.
+    ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
+    return [(name.replace("_", " "), count) for name, count in ordered]
+
+
+def _counted(words: str, each: list[tuple[str, int]], count: int) -> list[str]:
+    each = [(name, frames) for name, frames in each if frames]
+    if not each:
+        return []
+    shares = ", ".join(f"{name} in {frames}" for name, frames in each[:_MOST])
+    more = f" and {len(each) - _MOST} more markers" if len(each) > _MOST else ""
+    return [f"Of {count} frames, markers {words}: {shares}{more}."]
 
 
 def off_origin(motion: JointMotion, which: Sequence[int]) -> JointMotion:
@@ -544,12 +538,7 @@ def off_origin(motion: JointMotion, which: Sequence[int]) -> JointMotion:
     columns, positions = np.array(which, dtype=int), motion.positions
     counts = np.zeros(len(columns), dtype=int)
     for start in range(0, len(positions), _BLOCK):
-        block = motion.positions[start : start + _BLOCK]
-        # Most files have no such marker, so two coordinates are tested first, for speed.
-        lost = (block[:, columns, 0] == 0) & (block[:, columns, 1] == 0)
-        if not lost.any():
-            continue
-        lost &= block[:, columns, 2] == 0
+        lost = (motion.positions[start : start + _BLOCK, columns] == 0).all(axis=2)
         if not lost.any():
             continue
         if positions is motion.positions:
@@ -559,13 +548,7 @@ def off_origin(motion: JointMotion, which: Sequence[int]) -> JointMotion:
         counts += lost.sum(axis=0)
     if positions is motion.positions:
         return motion
-    names = [motion.names[i] for i in which]
-    found = sorted(zip(counts.tolist(), names, strict=True), key=lambda each: -each[0])
-    found = [each for each in found if each[0]]
-    shares = ", ".join(f"{name} in {count}" for count, name in found[:_MOST])
-    more = f" and {len(found) - _MOST} more markers" if len(found) > _MOST else ""
-    said = (
-        f"Of {len(positions)} frames, markers at exactly 0, 0, 0 are taken as not seen:"
-        f" {shares}{more}."
-    )
-    return replace(motion, positions=positions, notes=(*motion.notes, said))
+    found = [(motion.names[i], count) for i, count in zip(which, counts.tolist(), strict=True)]
+    found = sorted(found, key=lambda each: -each[1])
+    said = _counted("at exactly 0, 0, 0 are taken as not seen", found, len(positions))
+    return replace(motion, positions=positions, notes=(*motion.notes, *said))
