@@ -1,7 +1,5 @@
 """Joint centres from a recording of markers, block by block, by landmarks on the skin.
 
-Joint centres from landmarks on the skin. Joint centres from landmarks on the skin.
-
 The hips follow from the pelvis (Harrington et al. 2007). Knee, elbow and ankle lie half their width
 inside the outer marker, perpendicular to the bone above ("chord", Davis et al. 1991), or midway
 between the outer and the inner marker. The axis of the elbow follows from its bend, and that of the
