@@ -349,17 +349,12 @@ class Shelf:
             "limits: rows of a: got 1 rows and 1 margins, allowed",
         ),
         (
-<<<<<<< HEAD
-            {"recovers": True},
-            "limits: recovers of shelf: got True, allowed one True or False for each row",
-=======
             {"margins": lambda situation, displacement: ca.SX(2, 1)},
             "limits: rows of shelf: got 1 rows and 2 margins, allowed",
         ),
         (
-            {"returns": True},
-            "limits: returns of shelf: got True, allowed one True or False for each row",
->>>>>>> main
+            {"recovers": True},
+            "limits: recovers of shelf: got True, allowed one True or False for each row",
         ),
         (
             {"recovers": (True,) * 3},

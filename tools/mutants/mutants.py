@@ -11,6 +11,7 @@ FOLDER, and a run that was ended goes on where it was, as long as the commit is 
 - ``mutants``: mistakes tried.
 - ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that
   no test runs is alive.
+- ``killed_share.changing``: the same without those that change nothing (``explained``).
 - ``killed_share.unpinned``: the same of the first mutants, without the tests that only compare with
   answers of before (``tests/step/test_pinned.py``).
 - ``not_covered``: of those alive, how many stand on such a line.
@@ -394,6 +395,9 @@ def measure(report: Report, since: str | None = None) -> None:
     explained = sum(verdict.mutant.name in known for verdict in alive)
     report.figure("mutants", len(verdicts))
     report.figure("killed_share", 1 - len(alive) / len(verdicts))
+    report.figure(
+        "killed_share.changing", 1 - (len(alive) - explained) / (len(verdicts) - explained)
+    )
     if unpinned:
         report.figure(
             "killed_share.unpinned", sum(unpinned) / len(unpinned), f"of the first {len(unpinned)}"
