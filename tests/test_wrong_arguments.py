@@ -490,7 +490,7 @@ def test_what_is_no_path_is_one_sentence(path: Any) -> None:
     for load in (ergoqp.load_problem, ergoqp.load_cost, ergoqp.load_recording, load_one_class):
         said = answer(load, {"name" if load is ergoqp.load_problem else "path": path})
         assert said is not None
-        assert "allowed" in said
+        assert any(words in said for words in ("allowed", "; give", "cannot be read"))
 
 
 def test_a_log_that_is_none_is_one_sentence() -> None:
@@ -498,5 +498,5 @@ def test_a_log_that_is_none_is_one_sentence() -> None:
     for given in ((3, []), (problem, None), (problem, "a"), (problem, [3])):
         said = answer(lambda given=given: ergoqp.replay(*given), {})
         assert said is not None
-        assert "allowed" in said
+        assert "allowed" in said or "; give" in said
     assert ergoqp.replay(problem, []) == []
