@@ -57,7 +57,7 @@ _OWN: Final = ("quadratic", "neural")
 _GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
 
 
-Joints = StrEnum("Joints", ["report", "scored"])
+Joints = StrEnum("Joints", {"report": "report", "scored": "scored"})
 """The joints of drawn postures."""
 
 

@@ -56,7 +56,7 @@ _FAR: Final = 0.025
 """A marker with a larger residual is not fixed to its place (RMS) [m]."""
 
 
-UpperArm = StrEnum("UpperArm", ["flexion", "elevation"])
+UpperArm = StrEnum("UpperArm", {"flexion": "flexion", "elevation": "elevation"})
 """What the bands of the upper arm read."""
 
 Side = StrEnum("Side", ["right", "left", "both"])

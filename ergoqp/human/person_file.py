@@ -130,7 +130,7 @@ def _markers(table: Any) -> dict[str, Marker]:
             raise InputError(f"{where}.offset: got {shown(offset)}, allowed three lengths in m")
         x, y, z = numbers_of(f"{where}.offset", offset, -_FARTHEST, _FARTHEST)
         check_number(f"{where}.residual", residual, 0.0, 1e6, "m")
-        found[name] = Marker(frame, (x, y, z), float(residual))
+        found[name] = Marker(str(frame), (x, y, z), float(residual))
     return found
 
 

@@ -261,9 +261,14 @@ class OneClass:
         """
         return np.log(self.weights) - self.gamma * (self._sum.points**2).sum(axis=1)
 
-    @cached_property
+    @property
     def margin_and_slope(self) -> ca.Function:
-        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
+        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices."""
+        return self._margin_and_slope
+
+    @cached_property
+    def _margin_and_slope(self) -> ca.Function:
+        """Return the function of `margin_and_slope`.
 
         With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma
         (sum_i p_i s_i - u). The largest exponent is subtracted first, so that nothing

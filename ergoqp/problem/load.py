@@ -162,7 +162,7 @@ def _term(
     for name, own in own_tables(table).items():
         return build_own(part, name, own)
     ((name, values),) = (given(table) or {"smooth_reba": {}}).items()
-    with full_keys({f"{part}.{name}": values} | sheet):
+    with full_keys({f"{part}.{name}": values, **sheet}):
         return makers[name](*first, **values)
 
 

@@ -215,6 +215,8 @@ def _points() -> None:
     """Elbow and wrist of the right arm are the state. The twist is their velocity."""
 
 
+_Stature = Annotated[float, Range(*STATURE_RANGE, "m")]
+
 ResponseTable: Any = _tables(
     "ResponseTable",
     _ExactlyOne,
@@ -224,7 +226,7 @@ ResponseTable: Any = _tables(
             IkResponse,
             ["body"],
             hands=Annotated[tuple[Side, ...], BeforeValidator(as_tuple), Len(1, 2)],
-            stature=Annotated[float, Range(*STATURE_RANGE, "m")] | None,
+            stature=_Stature | None,
             person=str | None,
         ),
         AfterValidator(_one_person),
