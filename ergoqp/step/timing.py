@@ -183,7 +183,9 @@ def _iteration_us(rows: int, rng: np.random.Generator) -> float:
             middle = (low + high) // 2
             low, high = (low, middle) if solved(middle) else (middle, high)
         half = max(1, high // 2)
-        slow, fast = (shortest(limited(most).evaluate, _REPEATS) for most in (high, half))
+        # Both are kept: `evaluate` uses their memory.
+        timed = [limited(most) for most in (high, half)]
+        slow, fast = (shortest(each.evaluate, _REPEATS) for each in timed)
         spent = slow - fast
         longest = max(longest, spent / max(1, high - half))
     return 1e6 * longest
