@@ -122,7 +122,7 @@ def _fitted(cost: str, per_score: int) -> LearnedCost:
 
     from ergoqp.costs.from_sklearn import from_sklearn
     from ergoqp.costs.gmr import Gmr
-    from ergoqp.costs.ladder import OneClassLadder
+    from ergoqp.costs.one_class_ladder import OneClassLadder
     from ergoqp.costs.quadratic import Quadratic
     from ergoqp.costs.svr import Svr
 

@@ -43,9 +43,9 @@ from ergoqp.coordinates import SCORED_JOINTS, Coordinates
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.from_sklearn import from_sklearn
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.ladder import OneClassLadder
 from ergoqp.costs.load import evaluation_time, load_cost, quality_of
 from ergoqp.costs.neural import Neural
+from ergoqp.costs.one_class_ladder import OneClassLadder
 from ergoqp.costs.quadratic import Quadratic
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.costs.svr import Svr

@@ -53,7 +53,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.costs.quadratic.Quadratic",
         "ergoqp.costs.gmr.Gmr",
         "ergoqp.costs.svr.Svr",
-        "ergoqp.costs.ladder.OneClassLadder",
+        "ergoqp.costs.one_class_ladder.OneClassLadder",
         "ergoqp.costs.neural.Neural",
         "ergoqp.costs.from_sklearn.from_sklearn",
         "ergoqp.costs.from_sklearn.SklearnCost",

@@ -24,7 +24,7 @@ KINDS: Final[dict[str, str]] = {
     "quadratic": "ergoqp.costs.quadratic:Quadratic",
     "gmr": "ergoqp.costs.gmr:Gmr",
     "svr": "ergoqp.costs.svr:Svr",
-    "one_class_ladder": "ergoqp.costs.ladder:OneClassLadder",
+    "one_class_ladder": "ergoqp.costs.one_class_ladder:OneClassLadder",
     "neural": "ergoqp.costs.neural:Neural",
     "sklearn": "ergoqp.costs.from_sklearn:SklearnCost",
 }

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.arguments import LARGEST_SEED, Progress, check_whole
 from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.costs.cost import LearnedCost
-from ergoqp.costs.ladder import OneClassLadder
+from ergoqp.costs.one_class_ladder import OneClassLadder
 from ergoqp.costs.svr import Svr, reduced
 from ergoqp.datasets.data import DataSet, cached_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, balanced_postures

@@ -87,7 +87,7 @@ class OneClassLadder(LearnedCost):
 
     Example:
         >>> import numpy as np
-        >>> from ergoqp.costs.ladder import OneClassLadder
+        >>> from ergoqp.costs.one_class_ladder import OneClassLadder
         >>> from ergoqp.datasets.data import DataSet
         >>> rng = np.random.default_rng(0)
         >>> x = np.concatenate([rng.normal(0, 0.1, (40, 1)), rng.normal(1, 0.2, (40, 1))])

@@ -4,8 +4,8 @@ says."""
 import numpy as np
 import pytest
 
-from ergoqp.costs.ladder import OneClassLadder
 from ergoqp.costs.load import load_cost, quality_of, spearman
+from ergoqp.costs.one_class_ladder import OneClassLadder
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 
