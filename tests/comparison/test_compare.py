@@ -175,7 +175,7 @@ def test_mistakes_are_named_before_anything_is_recorded(tmp_path: Path) -> None:
             ergoqp.compare(problem, **options)
         assert said in str(error.value)
     (tmp_path / "not.npz").write_text("nothing")
-    with pytest.raises(InputError, match=r"sequence: not\.npz: got no \.npz file"):
+    with pytest.raises(InputError, match=r"sequence: not\.npz: is no \.npz file"):
         load_sequence(tmp_path / "not.npz")
     with warnings.catch_warnings():
         np.savez(tmp_path / "other.npz", P=np.eye(2))

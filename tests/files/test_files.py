@@ -85,6 +85,7 @@ def test_what_was_saved_comes_back(tmp_path: Path) -> None:
         read_npz(tmp_path / "some.npz", ["e"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["neural_sheet", "forearm_svr", "forearm_ladder"])
 def test_models_with_a_part_that_is_none_or_missing_are_refused(tmp_path: Path, name: str) -> None:
     header, arrays = load_model(data_folder("models") / f"{name}.npz")

@@ -131,6 +131,7 @@ def test_what_a_log_did_not_see_is_not_seen() -> None:
     np.testing.assert_allclose(loop.poses[0, 3], [0, 0, 0, 1])
 
 
+@pytest.mark.slow
 def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
     problem, log, _, _ = logged()
     with pytest.raises(InputError, match=r"rests: got the folder .*, allowed one that a run"):
@@ -142,6 +143,7 @@ def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
         ergoqp.identify(problem, [blind])
 
 
+@pytest.mark.slow
 def test_what_a_stepper_refused_and_its_braking_are_no_samples() -> None:
     problem, log, _, _ = logged()
     kept = watched(log)

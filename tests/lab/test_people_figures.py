@@ -341,6 +341,7 @@ def test_drives_go_where_the_living_person_comes_along(monkeypatch) -> None:
     np.testing.assert_array_equal(people_unit.come_along(one, far), one.start.pose)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("holds", [True, False])
 def test_a_soft_robot_is_tried_even_where_a_slow_hand_arrives(monkeypatch, holds) -> None:
     one, goal = drawn_unit("follower", "desk", 7), people_draw.model_optimum("desk").pose

@@ -51,7 +51,7 @@ def multipliers(solved, x):
 class TestResidual:
     def test_small_at_a_solution_only(self, dentist):
         x, rows, bounds = multipliers(
-            dentist, dentist.program.solve(dentist.begin, dentist.given).values
+            dentist, dentist.program.solve(dentist.begin, dentist.given)[0]
         )
         residual = dentist.program.residual
         assert residual(x, dentist.given, rows, bounds) <= 1e-6
@@ -100,7 +100,7 @@ class TestResidual:
 
         program = Program(dentist.problem, dentist.problem.response, "stackelberg", "ipopt")
         monkeypatch.setitem(program.__dict__, "_solver", fails)
-        assert program.solve(dentist.begin, dentist.given).residual == np.inf
+        assert program.solve(dentist.begin, dentist.given)[1] == np.inf
 
 
 @pytest.mark.parametrize("name", TASKS)

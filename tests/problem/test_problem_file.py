@@ -31,6 +31,7 @@ def changed(path: str, value: Any) -> dict[str, Any]:
     return raw
 
 
+@pytest.mark.slow
 def test_the_problems_of_the_package() -> None:
     assert set(TASKS) | {"screwing_learned", "forearm"} == set(problem_names())
     assert TASKS == NAMES

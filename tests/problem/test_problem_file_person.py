@@ -30,6 +30,7 @@ def asked(folder: Path, **keys: Any) -> Problem:
     return problem_from_dict({"response": {"ik": keys}}, "mine", folder)
 
 
+@pytest.mark.slow
 def test_the_person_is_that_of_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = 'dt = 0.005\n[response.ik]\nperson = "people/me.toml"\nhands = ["left"]\n'
     (folder / "mine.toml").write_text(text, encoding="utf-8")
@@ -76,7 +77,7 @@ def test_another_person_follows_otherwise(folder: Path) -> None:
         ({"person": "bad.toml"}, "person file bad.toml: got ['height'], allowed stature, mass"),
         (
             {"person": "nan.toml"},
-            "person file nan.toml: markers.LASI.offset is nan, allowed a number from -2 to 2",
+            "person file nan.toml: markers.LASI.offset: got nan, allowed -2 to 2",
         ),
         ({"person": "long.toml"}, "person file long.toml: length of thigh: got 0.600 m, allowed"),
         ({"person": "tall.toml"}, "person file tall.toml: stature: got 3.1 m, allowed 1.2 to 2.3"),

@@ -214,7 +214,7 @@ def test_all_is_tried_anew_where_somebody_moved_the_object() -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (dict(tries=-1), "seeking.next_place"),
+        (dict(tries=-1), r"seeking\.tries"),
         (dict(longest=float("nan")), "seeking.longest"),
         (dict(better="much"), "seeking.better"),
         (dict(returns=1.5), "seeking.returns"),

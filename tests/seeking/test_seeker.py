@@ -63,6 +63,7 @@ def test_it_ends_at_the_best_that_it_measured(kind: str, name: str, seed: int) -
     assert run.tries[0].ended < 20.0
 
 
+@pytest.mark.slow
 def test_the_account_is_saved_with_the_run(tmp_path) -> None:
     run = sought("stubborn", "desk", 2)
     saved = json.loads(run.save(tmp_path).read_text(encoding="utf-8"))["tries"]

@@ -83,6 +83,7 @@ def test_a_worse_place_is_tried_once_and_left_again() -> None:
     assert begun.size == 1
 
 
+@pytest.mark.slow
 def test_a_run_tells_its_place() -> None:
     assert led("alone").guide is None
     assert summary_of_run(led("alone"))["guide"] is None

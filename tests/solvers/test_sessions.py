@@ -73,6 +73,7 @@ def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
     assert solved >= 0.75 * total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INSTALLED)
 def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(
     name: str, capfd: pytest.CaptureFixture[str]
