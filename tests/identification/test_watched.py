@@ -159,11 +159,23 @@ def test_what_a_stepper_refused_and_its_braking_are_no_samples() -> None:
     assert ergoqp.identify(problem, entries).rests >= 1
 
 
+@cache
+def logged_shortly() -> tuple[Any, list[dict[str, Any]]]:
+    """The first steps of a loop: the problem, and what the stepper's log got."""
+    problem, log = ergoqp.load_problem("screwing"), []
+    posture = problem.response.comfort
+    stepper = ergoqp.Stepper(problem, log=log.append)
+    pose = ergoqp.Stepper(problem).step(posture).pose
+    for _ in range(40):
+        pose = moved(pose, stepper.step(posture, pose).twist * stepper.dt)
+    return problem, log
+
+
 @pytest.mark.parametrize("name", ["age", "ask", "frame", "observed", "posture", "pose", "dt"])
 @pytest.mark.parametrize("wrong", [None, "text", [1.0, 2.0, 3.0], np.zeros((2, 2, 2))])
 def test_entries_that_are_nearly_right_are_one_sentence(name: str, wrong: Any) -> None:
-    problem, log, _, _ = logged()
-    entries = [dict(entry) for entry in log[:40]]
+    problem, log = logged_shortly()
+    entries = [dict(entry) for entry in log]
     del entries[7][name]
     with pytest.raises(InputError, match=r"^rests: entry 7 of the log is not one of a stepper's"):
         ergoqp.identify(problem, entries)
@@ -172,6 +184,7 @@ def test_entries_that_are_nearly_right_are_one_sentence(name: str, wrong: Any) -
         ergoqp.identify(problem, entries)
 
 
+@pytest.mark.slow
 def test_a_folder_with_a_pipe_or_too_much_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,6 +199,7 @@ def test_a_folder_with_a_pipe_or_too_much_is_refused_at_once(
         ergoqp.identify(problem, tmp_path)
 
 
+@pytest.mark.slow
 def test_folders_of_anything_are_one_sentence(tmp_path: Path) -> None:
     problem, _, run, _ = logged()
     run.save(tmp_path)
