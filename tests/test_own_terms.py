@@ -130,7 +130,7 @@ def test_a_recording_is_read_by_the_own_reader(on_path, tmp_path):
         (b"time a.x a.y a.z\n", r"got 0 frames that do not fit the first line, allowed at least"),
         (b"time a.x a.y a.z\n1 2\n", r"got 1 frames that do not fit .* each of 4 numbers"),
         (b"time a.x a.y a.z\n1 2 3 4\n1 2\n", r"got setting an array element"),
-        (None, r"got No such file"),
+        (None, "cannot be read: No such file"),
     ],
 )
 def test_the_own_reader_refuses_what_is_no_such_file(on_path, tmp_path, content, sentence):

@@ -53,7 +53,6 @@ class LimitContext:
 
     Example:
         >>> import casadi as ca
-    import numpy as np
         >>> from ergoqp.limits import LimitContext, WorkspaceBox
         >>> pose = ca.DM.eye(4)
         >>> posture, seen, still = ca.DM.zeros(32), ca.DM.ones(32), ca.DM.zeros(6)

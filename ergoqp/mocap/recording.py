@@ -74,7 +74,7 @@ class JointMotion:
         return replace(self.mapped(lambda values: values[frames]), time=self.time[frames])
 
     def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> JointMotion:
-        """Return the motion with each array over its frames changed, except for the times."""
+        """Return the motion with each array over its frames, shape (n, ...), changed; times stay."""
         return replace(
             self,
             positions=change(self.positions),
