@@ -33,8 +33,7 @@ Examples:
 def command(
     name: AnyProblem,
     solvers: Annotated[
-        str | None,
-        option("A,B", "Solvers by name [all that are installed]."),
+        str | None, option("A,B", "Solvers by name [all that are installed].")
     ] = None,
     steps: Annotated[int, option("N", "Control steps to record.")] = 300,
     seed: Annotated[int, option("N", "Seed of the closed loops.")] = 0,

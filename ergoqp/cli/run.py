@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -72,10 +71,11 @@ class Simulated:
 
     seek: Annotated[
         bool,
-        typer.Option(
-            "--seek",
-            help="Try several places and end at the one with the lowest measured score; takes up to"
+        option(
+            None,
+            "Try several places and end at the one with the lowest measured score; takes up to"
             " 60 s.",
+            "--seek",
         ),
     ] = False
     robot: Annotated[
@@ -94,8 +94,8 @@ class Simulated:
     ] = None
     as_seen: Annotated[
         bool,
-        typer.Option(
-            "--as-seen", help="The controller sees only the joints that the recording determines."
+        option(
+            None, "The controller sees only the joints that the recording determines.", "--as-seen"
         ),
     ] = False
     follower: Annotated[
@@ -141,10 +141,7 @@ def command(
     ] = None,
     at: At = None,
     out: Annotated[Path | None, out_option("PROBLEM")] = None,
-    seed: Annotated[
-        int,
-        option("N", "Seed of the person, the noise and the start."),
-    ] = 0,
+    seed: Annotated[int, option("N", "Seed of the person, the noise and the start.")] = 0,
     duration: Annotated[float, option("SECONDS", "Duration of the run.")] = 20.0,
     *,
     read: RecordingOptions,
