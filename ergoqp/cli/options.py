@@ -86,9 +86,10 @@ class RecordingOptions:
             " vertical: the trunk is measured to the vertical [found].",
         ),
     ] = None
-    window: Annotated[str | None, option("FROM:TO", "Seconds of the recording to read [all].")] = (
-        None
-    )
+    window: Annotated[
+        str | None,
+        option("FROM:TO", "Seconds of the recording to read [all]."),
+    ] = None
     subject: Annotated[
         str | None, option("NAME", "Whose posture, where there are several people [the only one].")
     ] = None
