@@ -258,6 +258,9 @@ def _as_recorded(
             "The controller is assumed to see every joint, also those that the recording does not"
             " determine (without them: --as-seen)."
         )
+    unknown = "The recording's object is not the problem's"
+    if recording.object_poses is None:
+        unknown = "The recording says nothing of the object"
     notes = [
         *recording.assumptions,
         (
@@ -266,20 +269,10 @@ def _as_recorded(
             " begins. They are simulated from the grasp on."
         ),
         *notes,
-        (
-            "The recording says nothing of the object"
-            if recording.object_poses is None
-            else "The recording's object is not the problem's"
-        )
-        + ": it is assumed to be in the hand as the problem states.",
+        f"{unknown}: it is assumed to be in the hand as the problem states.",
     ]
-    observed = recording.observed[frame] if how.as_seen else None
-    return start, {
-        "observed": observed,
-        "recording": name,
-        "start_time": time,
-        "assumptions": notes,
-    }
+    terms = {"recording": name, "start_time": time, "assumptions": notes}
+    return start, terms | {"observed": recording.observed[frame] if how.as_seen else None}
 
 
 def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
