@@ -416,4 +416,6 @@ class Problem:
 
 
 def _is_identity(response: Response) -> bool:
-    return isinstance(response, LinearResponse) and np.array_equal(response.matrix, np.eye(6))
+    return isinstance(response, LinearResponse) and np.array_equal(
+        np.asarray(response.matrix), np.eye(6)
+    )
