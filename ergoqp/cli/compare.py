@@ -33,8 +33,7 @@ Examples:
 def command(
     name: AnyProblem,
     solvers: Annotated[
-        str | None,
-        option("A,B", "Solvers by name [all that are installed]."),
+        str | None, option("A,B", "Solvers by name [all that are installed].")
     ] = None,
     steps: Annotated[int, option("N", "Control steps to record.")] = 300,
     seed: Annotated[int, option("N", "Seed of the closed loops.")] = 0,
@@ -93,12 +92,10 @@ def _exactness(found: Comparison) -> Table:
     rows = []
     for name, one in _sorted(found):
         shares = [_share(one[f"success_{tidy(level)}"]) for level in TOLERANCES]
-        wrong = [
-            f"{one['wrong_solved'] + one['solved_infeasible']:.0f}",
-            f"{one['wrong_infeasible']:.0f}",
-        ]
+        wrong = one["wrong_solved"] + one["solved_infeasible"], one["wrong_infeasible"]
+        counts = [f"{count:.0f}" for count in wrong]
         named = _share(one["infeasible_named"]) if "infeasible_named" in one else "-"
-        rows.append((name, solver_named(name).method, *shares, *wrong, named))
+        rows.append((name, solver_named(name).method, *shares, *counts, named))
     accuracy = np.format_float_positional(found.accuracy, trim="-")
     title = f"answers, judged apart; solvers set to {accuracy}"
     head = ("solver", "method", "within 0.001", "0.000001", "0.000000001")

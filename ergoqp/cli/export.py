@@ -32,10 +32,7 @@ Examples:
 
 def command(
     name: AnyProblem,
-    out: Annotated[
-        Path,
-        option("DIR", "Folder for the sources.", parser=folder_of, show_default=False),
-    ],
+    out: Annotated[Path, option("DIR", "Folder for the sources.", parser=folder_of)],
     dt: Annotated[float | None, option("S", "Control period [the problem's].")] = None,
     guide: Guide = None,
 ) -> None:
@@ -55,10 +52,8 @@ def command(
     screen = console()
     size = sum(file.stat().st_size for file in files)
     screen.print(Text(f"{len(files)} files, {size / 1e6:.1f} MB, in {out}"), soft_wrap=True)
-    screen.print(
-        Text(f"cmake -S {out} -B {out}/build && cmake --build {out}/build && {out}/build/main"),
-        soft_wrap=True,
-    )
+    build = f"cmake -S {out} -B {out}/build && cmake --build {out}/build && {out}/build/main"
+    screen.print(Text(build), soft_wrap=True)
     screen.print(Text(f"what goes in and comes out: {out}/include/ergoqp_step.h"), soft_wrap=True)
 
 

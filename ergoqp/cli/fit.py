@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole, part_of
 from ergoqp.cli.common import console, make_folder, working, writing
-from ergoqp.cli.options import option, out_option
+from ergoqp.cli.options import argument, option, out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.load import KINDS, Quality, cross_validate, evaluation_time, quality_of
@@ -63,27 +62,16 @@ Joints = StrEnum("Joints", {"report": "report", "scored": "scored"})
 
 def command(
     cost: Annotated[
-        str,
-        typer.Argument(
-            metavar="COST",
-            help="quadratic, gmr, svr, one_class_ladder, neural; or boundary.",
-            show_default=False,
-        ),
+        str, argument("COST", "quadratic, gmr, svr, one_class_ladder, neural; or boundary.")
     ],
     data: Annotated[
-        str,
-        option("NAME|FILE", "sheet, interval, forearm, or a CSV file of your own."),
+        str, option("NAME|FILE", "sheet, interval, forearm, or a CSV file of your own.")
     ] = "sheet",
     joints: Annotated[
         Joints,
-        typer.Option(
-            "--joints", help="The 20 joints of the EPFL report, or all 22 that the sheet reads."
-        ),
+        option(None, "The 20 joints of the EPFL report, or all 22 that the sheet reads."),
     ] = Joints.report,
-    per_score: Annotated[
-        int,
-        option("N", "Postures of each score, where data are drawn."),
-    ] = 1000,
+    per_score: Annotated[int, option("N", "Postures of each score, where data are drawn.")] = 1000,
     seed: Annotated[int, option("N", "Seed of data, folds and fit.")] = 0,
     folds: Annotated[int, option("N", "Folds of the cross-validation.")] = 5,
     settings: Annotated[
@@ -140,14 +128,11 @@ def fit(
         screen: console for the table.
         make_out: returns the folder of the results.
     """
+    takes = inspect.signature(make).parameters
 
-    def fit_one(part: DataSet, progress: Callable[[float], None] | None = None) -> LearnedCost:
-        own = dict(options)
-        if "seed" in inspect.signature(make).parameters:
-            own.setdefault("seed", seed)
-        if progress is not None and "progress" in inspect.signature(make).parameters:
-            own["progress"] = progress
-        return make(part, **own)
+    def fit_one(part: DataSet, progress: Callable[[float], None]) -> LearnedCost:
+        ours = {"seed": seed, "progress": progress}
+        return make(part, **{name: ours[name] for name in ours if name in takes} | options)
 
     with working(f"cross-validation, {folds} folds") as done:
         number = count()
@@ -172,12 +157,11 @@ def fit(
         "unseen": unseen.as_dict(),
     }
     cost.save(model, notes)
+    medians = np.full(len(data), np.median(data.labels))
     rows = {
         "points it was fitted to": quality_of(cost.predict(data.points), data.labels),
         "unseen points": unseen,
-        "always the median score": quality_of(
-            np.full(len(data), np.median(data.labels)), data.labels
-        ),
+        "always the median score": quality_of(medians, data.labels),
     }
     screen.print(_table(kind, rows, float(np.std([fold.mae for fold in found]))))
     time = evaluation_time(cost.value_and_gradient, cost.coordinates.spread(data.points[:200]))

@@ -50,23 +50,11 @@ FREE = {"none": "nothing", "x": "distance", "y": "side", "z": "height", "tilt": 
 def command(
     name: ProblemName,
     people: Annotated[
-        str,
-        option(
-            "M,...|N", "Statures in metres, or the number of people to draw.", show_default=False
-        ),
+        str, option("M,...|N", "Statures in metres, or the number of people to draw.")
     ],
-    objective: Annotated[
-        str,
-        option("NAME", "minimax or mean of the exact scores."),
-    ] = "minimax",
-    hands: Annotated[
-        str | None,
-        option("NAME", "right, left or both [the problem's]."),
-    ] = None,
-    load_kg: Annotated[
-        float | None,
-        option("KG", "Mass of the tool [the problem's]."),
-    ] = None,
+    objective: Annotated[str, option("NAME", "minimax or mean of the exact scores.")] = "minimax",
+    hands: Annotated[str | None, option("NAME", "right, left or both [the problem's].")] = None,
+    load_kg: Annotated[float | None, option("KG", "Mass of the tool [the problem's].")] = None,
     starts: Starts = 4,
     jobs: Jobs = 1,
     seed: Annotated[int, option("N", "Seed of the first person that is drawn.")] = 0,

@@ -144,12 +144,8 @@ def _with_got(words: str, error: Exception, arguments: Sequence[str]) -> str:
         found = [given[i + 1] for i, each in enumerate(given[:-1]) if each == option]
         found += [each.partition("=")[2] for each in arguments if each.startswith(f"{option}=")]
         if found and "got" not in words and repr(found[-1]) not in words:
-            allowed = (
-                words.partition(": ")[2]
-                .removeprefix("Input should be ")
-                .partition(",")[0]
-                .rstrip(".")
-            )
+            said = words.partition(": ")[2].removeprefix("Input should be ")
+            allowed = said.partition(",")[0].rstrip(".")
             return f"{option}: got {found[-1]!r}, allowed {allowed}"
     return words
 

@@ -59,8 +59,7 @@ NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture 
 def command(
     name: ProblemName,
     recording: Annotated[
-        Path | None,
-        option("RECORDING", "Start with posture and person of a recording.", "--from"),
+        Path | None, option("RECORDING", "Start with posture and person of a recording.", "--from")
     ] = None,
     at: At = None,
     out: Annotated[Path | None, out_option("optimise-PROBLEM")] = None,

@@ -23,11 +23,16 @@ Up = StrEnum(
 """Possible vertical axes of a recording."""
 
 
-def option(metavar: str, words: str, *names: str, **more: Any) -> Any:
+def argument(metavar: str, words: str) -> Any:
+    """Return an argument of a command that must be given, with its help."""
+    return typer.Argument(metavar=metavar, help=words, show_default=False)
+
+
+def option(metavar: str | None, words: str, *names: str, **more: Any) -> Any:
     """Return an option of a command, named after its parameter if no names are given.
 
     Args:
-        metavar: what its value is.
+        metavar: what its value is. None: it is a switch, or one of a few words.
         words: text of the help.
         names: names such as ``--from``.
         more: as for `typer.Option`.
@@ -37,27 +42,15 @@ def option(metavar: str, words: str, *names: str, **more: Any) -> Any:
 
 ProblemName = Annotated[
     str,
-    typer.Argument(
-        metavar="PROBLEM",
-        help=(
-            "dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML"
-            " file."
-        ),
-        show_default=False,
+    argument(
+        "PROBLEM",
+        "dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
     ),
 ]
 AnyProblem = Annotated[
-    str,
-    typer.Argument(
-        metavar="PROBLEM",
-        help="A name, as for run, or forearm, or the path of a TOML file.",
-        show_default=False,
-    ),
+    str, argument("PROBLEM", "A name, as for run, or forearm, or the path of a TOML file.")
 ]
-At = Annotated[
-    float | None,
-    option("SECONDS", "When in the recording [its worst-scored frame]."),
-]
+At = Annotated[float | None, option("SECONDS", "When in the recording [its worst-scored frame].")]
 Guide = Annotated[
     str | None,
     option(
@@ -78,13 +71,9 @@ class RecordingOptions:
         option("M|FILE", "Stature in metres, or a person file (TOML) [measured in the recording]."),
     ] = None
     unit_to_m: Annotated[
-        float | None,
-        option("M", "Size of the recording's unit of length in metres [found]."),
+        float | None, option("M", "Size of the recording's unit of length in metres [found].")
     ] = None
-    up: Annotated[
-        Up | None,
-        typer.Option("--up", help="The recording's vertical axis [found].", show_default=False),
-    ] = None
+    up: Annotated[Up | None, option(None, "The recording's vertical axis [found].")] = None
     mapping: Annotated[
         Path | None,
         option("FILE", "TOML file that names the recording's joints or markers [known namings]."),
@@ -102,12 +91,10 @@ class RecordingOptions:
         option("FROM:TO", "Seconds of the recording to read [all]."),
     ] = None
     subject: Annotated[
-        str | None,
-        option("NAME", "Whose posture, where there are several people [the only one]."),
+        str | None, option("NAME", "Whose posture, where there are several people [the only one].")
     ] = None
     thing: Annotated[
-        str | None,
-        option("NAME", "The object that is held, where there are several."),
+        str | None, option("NAME", "The object that is held, where there are several.")
     ] = None
     columns: Annotated[
         str | None,
@@ -117,8 +104,7 @@ class RecordingOptions:
         ),
     ] = None
     rate: Annotated[
-        float | None,
-        option("HZ", "Frames per second of a recording that has no times."),
+        float | None, option("HZ", "Frames per second of a recording that has no times.")
     ] = None
 
     @property
@@ -166,20 +152,14 @@ class RecordingOptions:
         Raises:
             ErgoqpError: if it cannot be read with these options.
         """
-        return load_recording(
-            path,
-            self.person_value,
-            self.unit_to_m,
-            self.up and self.up.value,
-            mapping=self.mapping,
-            neutral="vertical" if self.neutral == "vertical" else _number_or_path(self.neutral),
-            window=self.window_value,
-            subject=self.subject,
-            thing=self.thing,
-            columns=tuple(name.strip() for name in self.columns.split(",")) if self.columns else (),
-            rate=self.rate,
-            progress=progress,
-        )
+        read: dict[str, Any] = {
+            "person": self.person_value,
+            "up": self.up and self.up.value,
+            "neutral": "vertical" if self.neutral == "vertical" else _number_or_path(self.neutral),
+            "window": self.window_value,
+            "columns": tuple(map(str.strip, self.columns.split(","))) if self.columns else (),
+        }
+        return load_recording(path, **vars(self) | read, progress=progress)
 
     def refuse_without_recording(self, at: float | None) -> None:
         """Raise an error for options that need a recording, ``--at`` among them.
@@ -205,8 +185,7 @@ class SearchOptions:
     jobs: Jobs = 1
     seed: Annotated[int, option("N", "Seed of the starts.")] = 0
     mode: Annotated[
-        str,
-        option("NAME", "stackelberg; or cooperative: the posture is chosen too."),
+        str, option("NAME", "stackelberg; or cooperative: the posture is chosen too.")
     ] = "stackelberg"
     solver: Annotated[str, option("NAME", "ipopt, fatrop or sqpmethod.")] = "ipopt"
 
@@ -229,9 +208,10 @@ def grouped(**groups: type) -> Callable[[Callable[..., None]], Callable[..., Non
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)
         options: list[inspect.Parameter] = []
-        for own in inspect.signature(command).parameters.values():
+        for each in inspect.signature(command).parameters.values():
+            own = each.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[each.name])
             if own.name not in groups:
-                options.append(own.replace(annotation=hints[own.name]))
+                options.append(own)
                 continue
             kind = groups[own.name]
             types = get_type_hints(kind, include_extras=True)
@@ -245,10 +225,7 @@ def grouped(**groups: type) -> Callable[[Callable[..., None]], Callable[..., Non
                 values[name] = kind(**{each.name: values.pop(each.name) for each in fields(kind)})
             command(**values)
 
-        signature = inspect.Signature(
-            [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in options]
-        )
-        vars(call).update(__signature__=signature)
+        vars(call).update(__signature__=inspect.Signature(options))
         call.__annotations__ = {each.name: each.annotation for each in options}
         return call
 

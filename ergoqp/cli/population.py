@@ -55,18 +55,9 @@ COLUMNS = (
 @grouped(search=SearchOptions)
 def command(
     name: ProblemName,
-    statures: Annotated[
-        str,
-        option("M,...", "Statures in metres.", show_default=False),
-    ],
-    hands: Annotated[
-        str | None,
-        option("NAME,...", "right, left, both [the problem's]."),
-    ] = None,
-    loads_kg: Annotated[
-        str | None,
-        option("KG,...", "Masses of the tool [the problem's]."),
-    ] = None,
+    statures: Annotated[str, option("M,...", "Statures in metres.")],
+    hands: Annotated[str | None, option("NAME,...", "right, left, both [the problem's].")] = None,
+    loads_kg: Annotated[str | None, option("KG,...", "Masses of the tool [the problem's].")] = None,
     out: Annotated[Path | None, out_option("population-PROBLEM")] = None,
     scheduler: Annotated[
         str | None,

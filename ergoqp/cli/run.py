@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -72,10 +71,11 @@ class Simulated:
 
     seek: Annotated[
         bool,
-        typer.Option(
-            "--seek",
-            help="Try several places and end at the one with the lowest measured score; takes up to"
+        option(
+            None,
+            "Try several places and end at the one with the lowest measured score; takes up to"
             " 60 s.",
+            "--seek",
         ),
     ] = False
     robot: Annotated[
@@ -94,8 +94,8 @@ class Simulated:
     ] = None
     as_seen: Annotated[
         bool,
-        typer.Option(
-            "--as-seen", help="The controller sees only the joints that the recording determines."
+        option(
+            None, "The controller sees only the joints that the recording determines.", "--as-seen"
         ),
     ] = False
     follower: Annotated[
@@ -141,10 +141,7 @@ def command(
     ] = None,
     at: At = None,
     out: Annotated[Path | None, out_option("PROBLEM")] = None,
-    seed: Annotated[
-        int,
-        option("N", "Seed of the person, the noise and the start."),
-    ] = 0,
+    seed: Annotated[int, option("N", "Seed of the person, the noise and the start.")] = 0,
     duration: Annotated[float, option("SECONDS", "Duration of the run.")] = 20.0,
     *,
     read: RecordingOptions,
@@ -261,6 +258,9 @@ def _as_recorded(
             "The controller is assumed to see every joint, also those that the recording does not"
             " determine (without them: --as-seen)."
         )
+    unknown = "The recording's object is not the problem's"
+    if recording.object_poses is None:
+        unknown = "The recording says nothing of the object"
     notes = [
         *recording.assumptions,
         (
@@ -269,20 +269,10 @@ def _as_recorded(
             " begins. They are simulated from the grasp on."
         ),
         *notes,
-        (
-            "The recording says nothing of the object"
-            if recording.object_poses is None
-            else "The recording's object is not the problem's"
-        )
-        + ": it is assumed to be in the hand as the problem states.",
+        f"{unknown}: it is assumed to be in the hand as the problem states.",
     ]
-    observed = recording.observed[frame] if how.as_seen else None
-    return start, {
-        "observed": observed,
-        "recording": name,
-        "start_time": time,
-        "assumptions": notes,
-    }
+    terms = {"recording": name, "start_time": time, "assumptions": notes}
+    return start, terms | {"observed": recording.observed[frame] if how.as_seen else None}
 
 
 def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:

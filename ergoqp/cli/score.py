@@ -6,8 +6,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final
 
-import typer
-
 from ergoqp.arguments import part_of, shown
 from ergoqp.cli.common import (
     console,
@@ -17,7 +15,7 @@ from ergoqp.cli.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.options import RecordingOptions, grouped, option, out_option
+from ergoqp.cli.options import RecordingOptions, argument, grouped, option, out_option
 from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
@@ -66,45 +64,25 @@ Side = StrEnum("Side", ["right", "left", "both"])
 @grouped(read=RecordingOptions)
 def command(
     path: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RECORDING",
-            help="A motion-capture file (C3D, BVH, MVNX, CSV ...).",
-            show_default=False,
-        ),
+        Path, argument("RECORDING", "A motion-capture file (C3D, BVH, MVNX, CSV ...).")
     ],
     out: Annotated[Path | None, out_option("RECORDING")] = None,
     load_kg: Annotated[float, option("KG", "Mass handled.")] = 0.0,
-    shock: Annotated[
-        bool, typer.Option("--shock", help="Shock or a rapid build-up of force.")
-    ] = False,
-    coupling: Annotated[
-        int,
-        option("0-3", "Grip: 0 good, 1 fair, 2 poor, 3 unacceptable."),
-    ] = 0,
+    shock: Annotated[bool, option(None, "Shock or a rapid build-up of force.", "--shock")] = False,
+    coupling: Annotated[int, option("0-3", "Grip: 0 good, 1 fair, 2 poor, 3 unacceptable.")] = 0,
     activity: Annotated[
-        int,
-        option("0-3", "One for each of: static, repeated, rapid large changes."),
+        int, option("0-3", "One for each of: static, repeated, rapid large changes.")
     ] = 0,
-    seated: Annotated[bool, typer.Option("--seated", help="Knees are not counted.")] = False,
+    seated: Annotated[bool, option(None, "Knees are not counted.", "--seated")] = False,
     one_leg: Annotated[
-        bool, typer.Option("--one-leg", help="Weight on one leg, or an unstable stance.")
+        bool, option(None, "Weight on one leg, or an unstable stance.", "--one-leg")
     ] = False,
     arm_supported: Annotated[
-        Side | None,
-        typer.Option(
-            "--arm-supported", help="Arm supported or gravity assisted.", show_default=False
-        ),
+        Side | None, option(None, "Arm supported or gravity assisted.")
     ] = None,
-    shoulder_raised: Annotated[
-        Side | None, typer.Option("--shoulder-raised", help="Raised shoulder.", show_default=False)
-    ] = None,
+    shoulder_raised: Annotated[Side | None, option(None, "Raised shoulder.")] = None,
     upper_arm: Annotated[
-        UpperArm,
-        typer.Option(
-            "--upper-arm",
-            help="Score its flexion, or its elevation (its angle to the trunk).",
-        ),
+        UpperArm, option(None, "Score its flexion, or its elevation (its angle to the trunk).")
     ] = UpperArm.flexion,
     save_person: Annotated[
         Path | None,

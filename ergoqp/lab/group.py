@@ -307,7 +307,7 @@ def best_for_group(
         title=problem.title or problem.name,
         objective=objective,
         pose=search.placing.pose(best.point),
-        members=_members(problem, crew, grid, best, own, search),
+        members=_members(search, crew, best, own),
         grid=grid,
         spacing=spacing,
         grid_pose=search.placing.pose(on_grid.point),
@@ -381,14 +381,9 @@ def _refuse_unreached(people: Sequence[GroupPerson], grid: SharedGrid) -> None:
 
 
 def _members(
-    problem: Problem,
-    people: Sequence[GroupPerson],
-    grid: SharedGrid,
-    rest: Equilibrium,
-    own: Sequence[Equilibrium],
-    search: PlaceSearch,
+    search: PlaceSearch, people: Sequence[GroupPerson], rest: Equilibrium, own: list[Equilibrium]
 ) -> tuple[Member, ...]:
-    assessment = problem.assess(rest.postures)
+    assessment = search.problem.assess(rest.postures)
     return tuple(
         Member(
             label=person.label,
@@ -401,7 +396,7 @@ def _members(
             reasons=assessment.reasons(i),
             own_reba=int(alone.scores[0]),
             own_pose=search.placing.pose(alone.point),
-            reach=float((grid.scores[i] > 0).mean()),
+            reach=float((search.grid.scores[i] > 0).mean()),
         )
         for i, (person, alone) in enumerate(zip(people, own, strict=True))
     )

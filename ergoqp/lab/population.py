@@ -146,9 +146,8 @@ def best_of_population(
 
 
 def _found(label: str, problem: Problem, *options: Any) -> Found:
-    starts, seed, jobs, mode, solver = options
     try:
-        return Found(label, optimise(problem, None, starts, seed, jobs, mode, solver))
+        return Found(label, optimise(problem, None, *options))
     except OutOfReachError as nowhere:
         return Found(label, None, str(nowhere))
 

@@ -174,17 +174,12 @@ def _limits(file: Any, folder: Path, of_person: bool) -> list[Any]:
         limits = {"twist": {}, "joints": {}} | limits
     elif "point_speed" not in limits:
         limits["point_speed"] = {}
-    listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
-    made = [
-        _limit(
-            kind,
-            values,
-            f"limits.{kind}.{i}" if isinstance(limits[kind], list) else f"limits.{kind}",
-            folder,
-        )
-        for kind, several in listed.items()
-        for i, values in enumerate(several)
-    ]
+    made = []
+    for kind, one in limits.items():
+        several = one if isinstance(one, list) else [one]
+        for i, values in enumerate(several):
+            where = f"limits.{kind}.{i}" if several is one else f"limits.{kind}"
+            made.append(_limit(kind, values, where, folder))
     return [*made, *(build_own("limits", name, table) for name, table in own.items())]
 
 

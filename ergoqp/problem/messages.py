@@ -86,20 +86,13 @@ class Place:
     def range_in_words(self) -> str:
         """Return the range of a number, such as "1.2 to 2.3 m"; empty if it has none."""
         low, high = self.range
-        end = f" {self.unit}" if self.unit not in ("", "share") else ""
+        unit = f" {self.unit}" if self.unit not in ("", "share") else ""
         if "ge" in self.bounds and "le" in self.bounds:
-            return f"{low:g} to {high:g}{end}"
+            return f"{low:g} to {high:g}{unit}"
         words = [
-            f"{word} {self.bounds[bound]:g}"
-            for bound, word in (
-                ("gt", "greater than"),
-                ("ge", "at least"),
-                ("lt", "less than"),
-                ("le", "at most"),
-            )
-            if bound in self.bounds
+            f"{word} {self.bounds[end]:g}" for end, word in _SAID.items() if end in self.bounds
         ]
-        return " and ".join(words) + end if words else ""
+        return " and ".join(words) + unit if words else ""
 
     def in_words(self) -> str:
         """Return what is allowed: type, range, and number of entries; empty if not known."""
@@ -117,6 +110,7 @@ class Place:
 
 
 _ENDS: Final = (("ge", "gt"), ("le", "lt"))
+_SAID: Final = {"gt": "greater than", "ge": "at least", "lt": "less than", "le": "at most"}
 _BOUNDS: Final = ("ge", "gt", "le", "lt", "min_length", "max_length")
 
 
@@ -175,9 +169,8 @@ def _kind_in_words(kind: Any) -> str:
     """Return a type in words; empty for one that has none."""
     if kind in _ONE:
         return _ONE[kind][0]
-    if dict in (kind, get_origin(kind)) or Mapping in (kind, get_origin(kind)):
-        return "a table"
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
+    is_table = isinstance(kind, type) and issubclass(kind, BaseModel)
+    if is_table or {dict, Mapping} & {kind, get_origin(kind)}:
         return "a table"
     if kind in (list, tuple, Sequence):
         return "a list"

@@ -80,13 +80,11 @@ def no_room(limits: Sequence[Any], response: Any) -> str:
     box = next((limit for limit in limits if isinstance(limit, WorkspaceBox)), None)
     if box is None:
         return ""
-    regions = {
-        limit.name: depth
-        for limit in limits
-        if isinstance(limit, KeepOut) and (depth := _depth_of(limit.region)) is not None
-    }
+    keep_outs = [limit for limit in limits if isinstance(limit, KeepOut)]
+    depths = {limit.name: _depth_of(limit.region) for limit in keep_outs}
+    regions = {name: depth for name, depth in depths.items() if depth is not None}
     hips, arm = _reach_of(response)
-    lower, upper = _parts(box, [limit.region for limit in limits if isinstance(limit, KeepOut)])
+    lower, upper = _parts(box, [limit.region for limit in keep_outs])
     while len(lower) <= _MOST_CELLS:
         middle = (lower + upper) / 2
         free = _apart(middle, middle, hips) <= arm
@@ -146,14 +144,12 @@ def _apart(lower: np.ndarray, upper: np.ndarray, hips: float) -> np.ndarray:
 
 def _parts(box: WorkspaceBox, regions: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Return a workspace cut along the faces of box regions, as corners of parts (n, 3)."""
-    ends = []
-    for low, high, *cuts in zip(
-        box.lower,
-        box.upper,
-        *(corner for each in regions if type(each) is Box for corner in (each.lower, each.upper)),
-        strict=True,
-    ):
-        ends.append(np.unique([low, high, *(cut for cut in cuts if low < cut < high)]))
+    boxes = [each for each in regions if type(each) is Box]
+    corners = [corner for each in boxes for corner in (each.lower, each.upper)]
+    ends = [
+        np.unique([low, high, *(cut for cut in cuts if low < cut < high)])
+        for low, high, *cuts in zip(box.lower, box.upper, *corners, strict=True)
+    ]
     pairs = [(each[:-1], each[1:]) if len(each) > 1 else (each, each) for each in ends]
     lower, upper = (
         np.stack(np.meshgrid(*(pair[side] for pair in pairs), indexing="ij"), axis=-1)

@@ -395,11 +395,8 @@ class _Cost:
         rises = np.abs(np.diff(values) - (slopes[1:] + slopes[:-1]) / 2 / (_POINTS - 1))
         bends = np.abs(np.diff(slopes, 2, prepend=slopes[0], append=slopes[-1]))
         bends = np.maximum(bends[1:], bends[:-1])
-        suspects = {
-            *np.argsort(rises)[-_SUSPECTS:].tolist(),
-            *np.argsort(bends)[-_SUSPECTS:].tolist(),
-        }
-        for part in sorted(suspects):
+        suspects = [np.argsort(each)[-_SUSPECTS:] for each in (rises, bends)]
+        for part in np.unique(suspects).tolist():
             for what in (0, 1):
                 a, b = shares[part], shares[part + 1]
                 at_a, at_b = points[part], points[part + 1]
@@ -522,11 +519,9 @@ class _Response:
 def slowest(times: dict[str, float], dt: float) -> str:
     """Return the slowest own term, in words, or nothing if none takes a tenth of a period."""
     name = max(times, key=lambda each: times[each], default="")
-    return (
-        f"{name} ({1e3 * times[name]:.2g} ms when it was tried)"
-        if name and times[name] > dt / 10
-        else ""
-    )
+    if not name or times[name] <= dt / 10:
+        return ""
+    return f"{name} ({1e3 * times[name]:.2g} ms when it was tried)"
 
 
 def check_pace(times: dict[str, float], dt: float) -> None:

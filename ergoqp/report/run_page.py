@@ -180,6 +180,8 @@ def write_run_page(run: Run, path: Path) -> None:
         forces=run.forces if np.isfinite(run.forces).any() else None,
     )
     timing = timing_of(run.time)
+    options = [*run.options, ("control period", f"{plain(1e3 * run.dt)} ms")]
+    options.append(("seed", str(run.seed)))
     begins = "" if run.recording is None else f", starting from the recording {run.recording}"
     page = Page(
         title=run.title[:1].upper() + run.title[1:],
@@ -205,14 +207,7 @@ def write_run_page(run: Run, path: Path) -> None:
             *_tries(run),
             limits(run),
             steps(run, facts),
-            *closing_sections(
-                run.assumptions,
-                [
-                    *run.options,
-                    ("control period", f"{plain(1e3 * run.dt)} ms"),
-                    ("seed", str(run.seed)),
-                ],
-            ),
+            *closing_sections(run.assumptions, options),
         ],
     )
     write_page(page, path)
@@ -232,19 +227,14 @@ def _tries(run: Run) -> list[Section]:
         )
         for each in run.tries
     ]
+    best = [i for i, each in enumerate(run.tries) if each.score == lowest]
+    head = ("place", "when", "measured score", "result")
     return [
         Section(
             "Places tried",
             intro="The object goes to each place, and the person's mean posture over one second at"
             " rest is scored there. The object ends at the place with the lowest measured score.",
-            tables=[
-                PageTable(
-                    ("place", "when", "measured score", "result"),
-                    rows,
-                    numeric=(2,),
-                    marked=tuple(i for i, each in enumerate(run.tries) if each.score == lowest),
-                )
-            ],
+            tables=[PageTable(head, rows, marked=best, numeric=(2,))],
         )
     ]
 
@@ -273,25 +263,20 @@ def _headlines(facts: RunFacts) -> list[Headline]:
 
 
 def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
-    let_go = [] if run.let_go is None else [("the person let go", f"at {run.let_go:.1f} s")]
-    unbalanced = []
-    if run.unbalanced:
-        share = f"{100 * run.unbalanced:.1f} % of the time"
-        unbalanced = [("centre of mass beyond the feet", share)]
+    steps = f"{len(run.time)} steps of {plain(1e3 * run.dt)} ms"
     broken = sum(run.violations.values())
-    return [
-        (
-            "duration",
-            f"{run.time[-1] - run.time[0]:.1f} s, {len(run.time)} steps of"
-            f" {plain(1e3 * run.dt)} ms",
-        ),
+    found = [
+        ("duration", f"{run.time[-1] - run.time[0]:.1f} s, {steps}"),
         ("rest", facts.settling),
         ("limits broken", "none" if not broken else f"{broken} times, see the limits"),
         ("person", f"{run.follower.replace('_', ' ')}, {run.body.stature:.2f} m"),
-        *let_go,
-        *unbalanced,
-        *_felt(run),
     ]
+    if run.let_go is not None:
+        found.append(("the person let go", f"at {run.let_go:.1f} s"))
+    if run.unbalanced:
+        share = f"{100 * run.unbalanced:.1f} % of the time"
+        found.append(("centre of mass beyond the feet", share))
+    return found + _felt(run)
 
 
 def _felt(run: Run) -> list[tuple[str, str]]:

@@ -69,26 +69,13 @@ def write_scores(
     rows, summary = folder / "scores.csv", folder / "scores.json"
     with atomic_write(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(
-            [
-                "time_s",
-                "reba",
-                "risk",
-                "arm",
-                *palette.SEGMENTS,
-                "fit_error_mm",
-                "valid",
-                "not_scored",
-                "outside",
-            ]
-        )
-        for i, (valid, final) in enumerate(
-            zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)
-        ):
+        head = ["time_s", "reba", "risk", "arm", *palette.SEGMENTS]
+        writer.writerow([*head, "fit_error_mm", "valid", "not_scored", "outside"])
+        for i, valid in enumerate(assessment.valid.tolist()):
             writer.writerow(
                 [
                     f"{recording.time[i]:.6f}",
-                    final,
+                    int(assessment.final[i]),
                     palette.risk_of_level(int(assessment.band[i])),
                     assessment.arm[i] if valid else "",
                     *(int(assessment.segments[name][i]) for name in palette.SEGMENTS),

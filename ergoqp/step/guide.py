@@ -122,10 +122,9 @@ def _check_place(problem: Problem, pose: np.ndarray) -> None:
     if cone is not None:
         angle = np.degrees(np.arccos(np.clip(pose[:3, 0] @ np.asarray(cone.direction), -1, 1)))
         if angle > cone.half_angle_deg + np.degrees(_ROUNDING):
-            allowed = f"at most {cone.half_angle_deg:g} deg"
             raise InputError(
-                f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed"
-                f" {allowed}"
+                f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed at"
+                f" most {cone.half_angle_deg:g} deg"
             )
     if broken := problem.own_limits.broken(pose):
         raise InputError(

@@ -76,10 +76,9 @@ def reason_of(
         parts.append(notes["guide"])
     if status == Status.settled and not drawn:
         parts.append("at rest: moving would gain too little")
-    tolerance, recovers = (
-        limit_values(problem.row_limits, name) for name in ("tolerance", "recovers")
+    tolerance, recovers, hard = (
+        limit_values(problem.row_limits, name) for name in ("tolerance", "recovers", "hard")
     )
-    hard = limit_values(problem.row_limits, "hard")
     for i in np.flatnonzero(margins < -tolerance).tolist():
         if i in outside:
             continue

@@ -19,6 +19,7 @@ from ergoqp.human import FRACTIONS, Body
 from ergoqp.human.body import NOMINAL_STATURE
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.lab.people.habits import Sex
+from ergoqp.limits import AXES
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.registry import data_folder
 
@@ -205,12 +206,8 @@ untrained adults. Effort: the trunk carries half the body, the forearm nothing.
 
 def per_joint(field: str) -> np.ndarray:
     """Return one column of `MUSCLES` for every joint (32,)."""
-    return np.array(
-        [
-            getattr(MUSCLES[name.removeprefix("right_").removeprefix("left_")], field)
-            for name in JOINTS
-        ]
-    )
+    without_side = [name.removeprefix("right_").removeprefix("left_") for name in JOINTS]
+    return np.array([getattr(MUSCLES[name], field) for name in without_side])
 
 
 @dataclass(frozen=True)
@@ -410,8 +407,7 @@ def _place_seat(spec: mujoco.MjSpec, body: Body, seat: float | None) -> None:
         return
     under = spec.geom("buttocks")
     top = seat + float(under.pos[2]) - float(under.size[2])
-    geom.size = [0.25, 0.25, 0.02]
-    geom.pos = [0.0, 0.0, top - 0.02]
+    geom.size, geom.pos = [0.25, 0.25, 0.02], [0.0, 0.0, top - 0.02]
 
 
 def _add_muscles(spec: mujoco.MjSpec) -> None:
@@ -431,6 +427,8 @@ def _add_grasps(spec: mujoco.MjSpec, hands: tuple[str, ...], axis: np.ndarray, f
         # With a third point beside the axis the hand cannot turn about it.
         beside = np.cross(axis, [0.0, 1.0, 0.0])
         offsets = np.vstack([offsets, HABITS.grasp_lever * beside])
+    count = len(offsets)
+    stiffness, damping = HABITS.grasp_stiffness / count, HABITS.grasp_damping / count
     for side in hands:
         grip = spec.site(f"{side}_grip")
         turn = np.zeros(9)
@@ -442,13 +440,8 @@ def _add_grasps(spec: mujoco.MjSpec, hands: tuple[str, ...], axis: np.ndarray, f
             # The position on the object is set when the hand takes hold. A site at the origin
             # could not be moved.
             held.add_site(name=f"{name}{ON_OBJECT}", pos=offset, group=4)
-            for direction in range(3):
-                spring = _spring(
-                    spec,
-                    f"{name}_{'xyz'[direction]}",
-                    HABITS.grasp_stiffness / len(offsets),
-                    HABITS.grasp_damping / len(offsets),
-                )
+            for direction, letter in enumerate("xyz"):
+                spring = _spring(spec, f"{name}_{letter}", stiffness, damping)
                 spring.trntype = mujoco.mjtTrn.mjTRN_SITE
                 spring.target, spring.refsite = name, f"{name}{ON_OBJECT}"
                 spring.gear, spring.group = np.eye(6)[direction], HAND_GROUP
@@ -457,18 +450,13 @@ def _add_grasps(spec: mujoco.MjSpec, hands: tuple[str, ...], axis: np.ndarray, f
 def _add_robot(spec: mujoco.MjSpec) -> None:
     """Let the robot hold the object by an impedance toward its target."""
     spec.body("object").mass = SOFT_ROBOT.load
-    for number in range(6):
-        shift = number < 3
-        spring = _spring(
-            spec,
-            f"robot_{['x', 'y', 'z', 'rx', 'ry', 'rz'][number]}",
-            SOFT_ROBOT.stiffness if shift else SOFT_ROBOT.turn_stiffness,
-            SOFT_ROBOT.damping if shift else SOFT_ROBOT.turn_damping,
-        )
+    shift = SOFT_ROBOT.stiffness, SOFT_ROBOT.damping
+    turn = SOFT_ROBOT.turn_stiffness, SOFT_ROBOT.turn_damping
+    for number, axis in enumerate(AXES):
+        spring = _spring(spec, f"robot_{axis}", *(shift if number < 3 else turn))
         spring.trntype = mujoco.mjtTrn.mjTRN_SITE
         spring.target, spring.refsite = "object", "robot"
-        spring.gear = np.eye(6)[number]
-        spring.group = ROBOT_GROUP
+        spring.gear, spring.group = np.eye(6)[number], ROBOT_GROUP
 
 
 def _spring(spec: mujoco.MjSpec, name: str, stiffness: float, damping: float) -> mujoco.MjsActuator:

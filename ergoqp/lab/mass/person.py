@@ -138,14 +138,8 @@ class MassHolding(Holding["Mass"]):
         self._grasp.take(data)
         mujoco.mj_forward(self.model, data)
         self._support = Support(self.model, self._seated, soles is not None)
-        self._control = Control(
-            person.planner,
-            self._support,
-            person.traits.compensation,
-            senses.delay,
-            data,
-            self._grasp.points,
-        )
+        share, points = person.traits.compensation, self._grasp.points
+        self._control = Control(person.planner, self._support, share, senses.delay, data, points)
         self._clock, self._stood = 0.0, None
         self.held_drift = self._hold_still()
 

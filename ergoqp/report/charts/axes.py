@@ -46,12 +46,9 @@ class Scale:
         if self.logarithmic:
             decades = np.arange(np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1)
             steps = (1.0, 2.0, 5.0) if len(decades) <= 4 else (1.0,)
+            low, high = self.low * (1 - 1e-9), self.high * (1 + 1e-9)
             candidates = [step * 10.0**decade for decade in decades for step in steps]
-            return [
-                value
-                for value in candidates
-                if self.low * (1 - 1e-9) <= value <= self.high * (1 + 1e-9)
-            ]
+            return [value for value in candidates if low <= value <= high]
         return round_ticks(self.low, self.high, count)
 
 
@@ -59,11 +56,8 @@ def round_ticks(low: float, high: float, count: int = 6) -> list[float]:
     """Return about `count` multiples of 1, 2 or 5 times a power of ten within an interval."""
     raw = (high - low) / max(count, 1)
     power = 10.0 ** np.floor(np.log10(raw))
-    step = next(
-        multiple * power
-        for multiple in (1.0, 2.0, 5.0, 10.0)
-        if multiple * power >= raw * (1 - 1e-9)
-    )
+    steps = (multiple * power for multiple in (1.0, 2.0, 5.0, 10.0))
+    step = next(step for step in steps if step >= raw * (1 - 1e-9))
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return [float(k * step) for k in np.arange(first, last + 1)]
 
@@ -135,11 +129,7 @@ def changes(values: NDArray[np.int64]) -> NDArray[np.int64]:
 
     The first sample is one of them.
     """
-    return (
-        np.flatnonzero(np.diff(values, prepend=values[0] - 1))
-        if len(values)
-        else np.zeros(0, dtype=np.int64)
-    )
+    return np.flatnonzero(np.diff(values, prepend=values[:1] - 1))
 
 
 def highest_per_column(
@@ -228,14 +218,11 @@ class Plot:
 
     def shade(self, low: float, high: float, words: str, **attributes: object) -> None:
         """Shade between two values of y, behind everything, with a name on the right."""
-        bottom, top = (
-            self.y.at(float(np.clip(value, self.y.low, self.y.high))) for value in (low, high)
-        )
+        bottom, top = self.y(np.clip([low, high], self.y.low, self.y.high)).tolist()
         if bottom - top < 1:
             return
-        self._back.append(
-            svg.rect(self.left, top, self.right - self.left, bottom - top, **attributes)
-        )
+        width = self.right - self.left
+        self._back.append(svg.rect(self.left, top, width, bottom - top, **attributes))
         self._front.append(svg.text(words, self.right + 6, (top + bottom) / 2 + 4, class_="small"))
 
     def line(

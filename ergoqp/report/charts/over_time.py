@@ -52,9 +52,9 @@ def score_chart(
     highest = max(8, int(final.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
         highest = max(highest, min(16, int(np.ceil(np.nanmax(cost)))))
-    legend = [("score", "REBA, exact")] + (
-        [("cost", "smooth cost of the measured posture")] if cost is not None else []
-    )
+    legend = [("score", "REBA, exact")]
+    if cost is not None:
+        legend.append(("cost", "smooth cost of the measured posture"))
     plot = Plot(
         _interval(time),
         (0.5, highest + 0.5),
@@ -69,12 +69,8 @@ def score_chart(
     starts = [*palette.LEVEL_STARTS, highest + 1]
     for level, (low, high) in enumerate(pairwise(starts)):
         if low <= highest:
-            plot.shade(
-                low - 0.5,
-                min(high, highest + 1) - 0.5,
-                palette.risk_of_level(level),
-                class_=f"level{level} band",
-            )
+            risk, top = palette.risk_of_level(level), min(high, highest + 1) - 0.5
+            plot.shade(low - 0.5, top, risk, class_=f"level{level} band")
     if cost is not None:
         plot.line(time, cost, "cost")
     held = np.where(final > 0, final, np.nan).astype(float)
@@ -144,22 +140,15 @@ def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float 
         logarithmic=True,
         width=width,
     )
-    for left, right, value in zip(
-        plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True
-    ):
+    for (left, right), value in zip(pairwise(plot.x(edges)), share.tolist(), strict=True):
         if value > 0:
             # A single slow step must stay visible.
             height = max(plot.bottom - plot.y.at(value), 1.5)
-            plot.add(
-                svg.rect(left + 0.5, plot.bottom - height, right - left - 1, height, class_="bar")
-            )
+            broad = right - left - 1
+            plot.add(svg.rect(left + 0.5, plot.bottom - height, broad, height, class_="bar"))
     median, p99 = float(np.median(lasted)), float(np.percentile(lasted, 99))
-    marks = [
-        ("median", median),
-        ("p99", p99),
-        ("max", float(lasted.max())),
-        ("period", 1e6 * period),
-    ]
+    marks = [("median", median), ("p99", p99), ("max", float(lasted.max()))]
+    marks.append(("period", 1e6 * period))
     plot.add(*_vertical_marks(plot, marks))
     said = ", ".join(f"{name} {microseconds(value)}" for name, value in marks)
     return plot.picture("Duration of the control steps", f"{said[0].upper()}{said[1:]}.")
@@ -205,11 +194,9 @@ def _interval(time: NDArray[np.float64]) -> tuple[float, float]:
 
 def _span(values: NDArray[np.float64]) -> str:
     finite = values[np.isfinite(values)]
-    return (
-        f"{words_of(float(finite.min()))} to {words_of(float(finite.max()))}"
-        if finite.size
-        else "without values"
-    )
+    if not finite.size:
+        return "without values"
+    return f"{words_of(finite.min())} to {words_of(finite.max())}"
 
 
 def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]:
@@ -249,9 +236,8 @@ def prediction_picture(
     figure = Figure(figsize=(7.0, 4.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.plot(
-        classes[[0, -1]], classes[[0, -1]], color="black", linewidth=1.2, label="perfect", zorder=3
-    )
+    ends = classes[[0, -1]]
+    axes.plot(ends, ends, color="black", linewidth=1.2, label="perfect", zorder=3)
     axes.boxplot(
         groups,
         positions=classes,

@@ -118,13 +118,10 @@ def segments_strips(
         styles = {
             score: (f"level{palette.level_of_points(score)}", f"{score}") for score in range(1, 10)
         }
-        scored = scores[scores > 0]
-        mean = (
-            f"mean {scored.mean():.1f} of {palette.segment_highest(name)}"
-            if scored.size
-            else "not scored"
-        )
-        strips.append(Strip(name.replace("_", " "), scores, styles, mean))
+        scored, note = scores[scores > 0], "not scored"
+        if scored.size:
+            note = f"mean {scored.mean():.1f} of {palette.segment_highest(name)}"
+        strips.append(Strip(name.replace("_", " "), scores, styles, note))
     return strips_chart("Segment scores over time", time, strips, width=width)
 
 
@@ -266,23 +263,19 @@ def score_map(
     for i, j in np.ndindex(values.shape):
         value = float(values[i, j])
         if value >= 0:
-            words = (
-                _words(value)
-                if value
-                else NOT_REACHED + (f" by {missing(i, j)}" if missing is not None else "")
-            )
-            there = (
-                f"{x_name} {words_of(round(columns[j], 3))}, {y_name} {words_of(round(rows[i], 3))}"
-            )
+            words = _words(value) if value else NOT_REACHED
+            if not value and missing is not None:
+                words += f" by {missing(i, j)}"
+            x_words, y_words = (words_of(round(each, 3)) for each in (columns[j], rows[i]))
+            there = f"{x_name} {x_words}, {y_name} {y_words}"
             drawn += _cell(value, x.at(columns[j]), y.at(rows[i]), cell, f"{there}: {words}")
     drawn += _axes(x, y, right, bottom, x_label, y_label)
     for spot in spots:
         along = float(np.clip(x.at(x_factor * spot.point[slice_.across]), _LEFT, right))
         down = float(np.clip(y.at(y_factor * spot.point[slice_.up]), _TOP, bottom))
         drawn += named_dot(along, down, 6, spot.style, spot.name, right + _RIGHT)
-    return svg.picture(
-        drawn, max(right + _RIGHT, 190.0), bottom + _BELOW, title, _said(values, slice_)
-    )
+    said = _said(values, slice_)
+    return svg.picture(drawn, max(right + _RIGHT, 190.0), bottom + _BELOW, title, said)
 
 
 def _cell(value: float, x: float, y: float, cell: float, words: str) -> list[str]:
