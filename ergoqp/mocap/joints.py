@@ -206,26 +206,46 @@ class Found:
     whole: JointMotion | None = None
 
 
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options for reading a recording; what is None is found from the recording.
+
+    Attributes:
+        body: the person.
+        shapes: marker -> its place on the body, from a person file.
+        subject: the person whose joints are read: the prefix of their names.
+        thing: name of the object that the person holds.
+        unit: size of the unit of length [m].
+        up: the vertical axis.
+        naming: names of the joints.
+        neutral: time at which the person is straight [s], a recording in which the person is
+            straight, or ``"vertical"``.
+        window: first and last time [s].
+        completed: whether lost markers have been estimated already.
+    """
+
+    body: Body | None = None
+    shapes: Mapping[str, Marker] = field(default_factory=dict)
+    subject: str | None = None
+    thing: str | None = None
+    unit: float | None = None
+    up: str | None = None
+    naming: Naming | None = None
+    neutral: float | str | JointMotion | None = None
+    window: tuple[float, float] | None = None
+    completed: bool = False
+
+
 def joints_of(
-    motion: JointMotion,
-    where: str,
-    naming: Naming | None,
-    subject: str | None,
-    unit: float | None,
-    shapes: Mapping[str, Marker],
-    body: Body | None = None,
-    progress: Progress = unseen,
+    motion: JointMotion, where: str, reading: ReadOptions, progress: Progress = unseen
 ) -> Found:
     """Return the joint centres of one person.
 
     Args:
         motion: content of the file.
         where: its name, for messages.
-        naming: names of the joints or markers; None tries the known namings and marker sets.
-        subject: the person, if there are several.
-        unit: the file's unit of length [m] as the user states it.
-        shapes: marker -> its place on the body, from a person file.
-        body: the person, if their lengths are known.
+        reading: options for reading it; without a naming, the known namings and marker sets are
+            tried.
         progress: is called with the share of the frames that is done.
 
     Raises:
@@ -235,9 +255,10 @@ def joints_of(
     ready = bool(motion.angles) and not motion.names
     if ready:
         place = placed_by_angles if own_angles(motion.angles) else posed
-        motion = place(motion, where, body)
-    if subject is not None or not _names_whom(naming, motion.names):
-        motion = of_subject(motion, subject, _known, where)
+        motion = place(motion, where, reading.body)
+    naming, unit = reading.naming, reading.unit
+    if reading.subject is not None or not _names_whom(naming, motion.names):
+        motion = of_subject(motion, reading.subject, _known, where)
     landmarks, further, title = _landmarks(motion.names, naming, where)
     if not landmarks:
         used, found = naming_of(motion, naming, where)
@@ -255,15 +276,14 @@ def joints_of(
         return Found(
             _emptied(motion, things), paths, rest, unit or motion.unit, said, upright=ready
         )
-    return _of_markers(motion, where, (landmarks, further, title), shapes, unit, progress)
+    return _of_markers(motion, where, (landmarks, further, title), reading, progress)
 
 
 def _of_markers(
     motion: JointMotion,
     where: str,
     skin: tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str],
-    shapes: Mapping[str, Marker],
-    unit: float | None,
+    reading: ReadOptions,
     progress: Progress,
 ) -> Found:
     """Return the joint centres of one person from markers, as `_landmarks` found them."""
@@ -272,8 +292,8 @@ def _of_markers(
     # A joint centre may be at the file's origin, but a marker at the origin was not seen.
     worn = {**further, **{name: which for name, which in landmarks.items() if name in LANDMARKS}}
     motion = off_origin(motion, sorted({i for which in worn.values() for i in which}))
+    shapes, stated = reading.shapes, reading.unit or motion.unit
     motion, landmarks = _with_known(motion, landmarks, title, shapes)
-    stated = unit or motion.unit
     size = unit_of_markers(motion, where, landmarks, stated)
     if stated is None:
         said += (f"The unit of length is taken as {size:g} m, from the width of the person.",)

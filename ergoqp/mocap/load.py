@@ -7,17 +7,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
+from types import NoneType
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import Progress, names_of, part_of, path_of, shown, unmasked, unseen
+from ergoqp.arguments import (
+    Progress,
+    check_kind,
+    names_of,
+    part_of,
+    path_of,
+    shown,
+    unmasked,
+    unseen,
+)
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
-from ergoqp.mocap.assumptions import ReadOptions as ReadOptions
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -31,8 +40,9 @@ from ergoqp.mocap.assumptions import (
 )
 from ergoqp.mocap.fitting.axes import UPS, calibration_poses, check_sides, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
-from ergoqp.mocap.fitting.validity import smoothed
+from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
+from ergoqp.mocap.joints import ReadOptions as ReadOptions
 from ergoqp.mocap.joints import joints_of
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
@@ -69,16 +79,7 @@ def recording_of(
     exact = _exactness(where, motion)
     if reading.window is not None:
         motion = windowed(motion, reading.window)
-    found = joints_of(
-        motion,
-        where,
-        reading.naming,
-        reading.subject,
-        reading.unit,
-        reading.shapes,
-        reading.body,
-        part_of(progress, 0.0, _FOUND),
-    )
+    found = joints_of(motion, where, reading, part_of(progress, 0.0, _FOUND))
     motion = found.motion
     found_out = found.said
     assumptions = list(found_out)
@@ -225,9 +226,7 @@ def _calibrated(
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    shown = np.ones(len(frames), dtype=bool)
-    for unscored in result.not_scored.values():
-        shown &= ~unscored[frames]
+    shown = scored_frames(len(result.pelvis), result.not_scored)[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]
@@ -329,9 +328,13 @@ def load_recording(
         ((31, 32), True)
     """
     path = path_of("recording", path)
-    asked = TableOptions(_names("columns", columns), None if rate is None else _rate(rate))
+    if isinstance(columns, str) or not all(isinstance(each, str) and each for each in columns):
+        raise InputError(f"columns: got {shown(columns)}, allowed a list of names")
+    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate))
     reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
-    reading = replace(reading, subject=_name("subject", subject), thing=_name("thing", thing))
+    for what, name in (("subject", subject), ("thing", thing)):
+        check_kind(what, name, (str, NoneType), "a name or None")
+    reading = replace(reading, subject=subject, thing=thing)
     progress = progress or unseen
     # The motion is not kept here: an hour is large, and is freed as soon as its joints are named.
     return recording_of(
@@ -455,18 +458,6 @@ def _places(positions: ArrayLike, count: int) -> np.ndarray:
     raise InputError(
         f"positions: got {' '.join(found.split())}, allowed real numbers of shape (n, {count}, 3)"
     )
-
-
-def _name(what: str, name: str | None) -> str | None:
-    if name is not None and not isinstance(name, str):
-        raise InputError(f"{what}: got {shown(name)}, allowed a name or None")
-    return name
-
-
-def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(names, str) or not all(isinstance(name, str) and name for name in names):
-        raise InputError(f"{what}: got {shown(names)}, allowed a list of names")
-    return tuple(names)
 
 
 def _neutral(

@@ -133,21 +133,15 @@ class Topics:
         A topic with the joints of an Azure Kinect is preferred: other moving frames may be a
         robot's.
         """
-        notes = [
-            f"None of the {len(markers)} messages of {topic} shows anybody."
-            for topic, markers in self.markers.items()
-            if not markers.ids
-        ]
-        notes += [
-            f"{topic} has {len(markers.ids)} markers or more and is not read."
-            for topic, markers in self.markers.items()
-            if markers.crowded
-        ]
-        shown = {
-            topic: markers
-            for topic, markers in self.markers.items()
-            if markers.ids and not markers.crowded
-        }
+        empty, crowded, shown = [], [], dict[str, Markers]()
+        for topic, markers in self.markers.items():
+            if not markers.ids:
+                empty.append(f"None of the {len(markers)} messages of {topic} shows anybody.")
+            elif markers.crowded:
+                crowded.append(f"{topic} has {len(markers.ids)} markers or more and is not read.")
+            else:
+                shown[topic] = markers
+        notes = empty + crowded
         best = max(shown, key=lambda name: (shown[name].kinect, len(shown[name].ids)), default=None)
         moving = self.tree.names
         if best is not None and not shown[best].kinect and len(shown[best].ids) < len(moving):

@@ -554,7 +554,7 @@ def drop_duplicate_times(
         at = again[begin : begin + _BLOCK]
         same = np.ones(len(at), dtype=bool)
         for values in shown:
-            same &= _alike(values[at], values[at - 1])
+            same &= are_alike(values[at], values[at - 1])
         others += int((~same).sum())
     if others > _OTHERS * len(kept):
         raise RecordingError(
@@ -623,13 +623,13 @@ def count_repeated_frames(positions: np.ndarray) -> list[str]:
     for at in range(1, len(positions), _BLOCK):
         now = positions[at : at + _BLOCK]
         before = positions[at - 1 : at - 1 + len(now)]
-        count += int(_alike(now, before).sum())
+        count += int(are_alike(now, before).sum())
     if count < 0.01 * len(positions):
         return []
     return [f"{count} of {len(positions)} frames repeat the frame before."]
 
 
-def _alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
+def are_alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Return which frames (n, ...) equal others (n, ...), with NaN equal to NaN, (n,) bool."""
     same = (now == before) | (np.isnan(now) & np.isnan(before))
     return same.all(axis=tuple(range(1, same.ndim)))
