@@ -484,10 +484,8 @@ def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
         places: centre -> positions (n, 3), any unit, along our axes.
     """
     leg = leg_of(places)
-    top, hips = (
-        first_middle(places, ("neck",), _SHOULDERS),
-        first_middle(places, ("pelvis",), _HIPS),
-    )
+    top = first_middle(places, ("neck",), _SHOULDERS)
+    hips = first_middle(places, ("pelvis",), _HIPS)
     if leg is None or top is None or hips is None:
         return None
     trunk = top - hips
@@ -539,10 +537,8 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
     Raises:
         RecordingError: if left and right are exchanged, or an axis is mirrored.
     """
-    top, hips = (
-        first_middle(places, _SHOULDERS, ("neck",)),
-        first_middle(places, _HIPS, ("pelvis",)),
-    )
+    top = first_middle(places, _SHOULDERS, ("neck",))
+    hips = first_middle(places, _HIPS, ("pelvis",))
     pair = next((p for p in (_HIPS, _SHOULDERS) if all(name in places for name in p)), None)
     if top is None or hips is None or pair is None:
         return ""

@@ -115,10 +115,8 @@ def chosen(
         cost[0 if begin else 1, 0] = np.inf
     weight = np.minimum(told[1:], told[:-1])
     weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
-    way = np.empty((2, 2, len(at) - 1))
-    for before in (0, 1):
-        for after in (0, 1):
-            way[before, after] = (weight * np.abs(both[after, 1:] - both[before, :-1])).sum(axis=1)
+    # From each triple of a frame to each of the next one.
+    way = (weight * np.abs(both[:, 1:] - both[:, None, :-1])).sum(axis=3)
     way[:, :, since[1:, 0] > _GAP] = 0.0
     # While an arm is not seen, it keeps the triple of the last frame in which it was seen.
     before = np.searchsorted(seen, np.arange(len(time)), side="right") - 1

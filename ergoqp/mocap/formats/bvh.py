@@ -220,11 +220,9 @@ def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iter
             yield np.array(block)
             block = []
     if stated != found or not found:
-        what = (
-            "the recording is cut or was joined with another"
-            if found
-            else "there is no movement in it"
-        )
+        what = "there is no movement in it"
+        if found:
+            what = "the recording is cut or was joined with another"
         raise RecordingError(
             f"{cursor.path.name}, line {stated_line}: got {found} rows, allowed {stated} as"
             f" stated; {what}"
@@ -370,7 +368,7 @@ _PARENT: Final[dict[str, str]] = {
 # The usual axes of the format: x to the left, y up, z forward.
 _TO_FILE: Final = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 _UNITS_PER_METRE: Final = 100.0
-_ROTATIONS: Final = "Zrotation Xrotation Yrotation"
+_ROTATIONS: Final = ("Zrotation", "Xrotation", "Yrotation")
 
 
 def write_bvh(
@@ -445,27 +443,20 @@ def _write_joint(
     """Append a joint and its descendants; yield the names of the descendants in channel order."""
     tab = "  " * depth
     offset = _TO_FILE @ offsets[name] * _UNITS_PER_METRE
+    channels = [*([] if depth else CHANNELS[:3]), *_ROTATIONS]
     lines += [
         f"{tab}{'JOINT' if depth else 'ROOT'} {name}",
         f"{tab}{{",
         f"{tab}  OFFSET {offset[0]:.6f} {offset[1]:.6f} {offset[2]:.6f}",
-        (
-            f"{tab}  CHANNELS 3 {_ROTATIONS}"
-            if depth
-            else f"{tab}  CHANNELS 6 Xposition Yposition Zposition {_ROTATIONS}"
-        ),
+        f"{tab}  CHANNELS {len(channels)} {' '.join(channels)}",
     ]
     children = [child for child, parent in _PARENT.items() if parent == name]
     for child in children:
         yield child
         yield from _write_joint(child, lines, depth + 1, offsets)
     if not children:
-        lines += [
-            f"{tab}  End Site",
-            f"{tab}  {{",
-            f"{tab}    OFFSET 0.000000 0.000000 0.000000",
-            f"{tab}  }}",
-        ]
+        end = ("End Site", "{", "  OFFSET 0.000000 0.000000 0.000000", "}")
+        lines += [f"{tab}  {line}" for line in end]
     lines.append(f"{tab}}}")
 
 

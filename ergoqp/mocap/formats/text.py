@@ -266,26 +266,32 @@ class GrowableArray:
         return self._all[: self._count]
 
 
-def blocks(
+def read_rows(
     lines: TextLines,
     separator: str | None,
     width: int,
+    split: Callable[[np.ndarray], Sequence[np.ndarray]],
     blanks: bool = False,
     chosen: Sequence[ChosenColumn] | None = None,
-) -> Iterator[np.ndarray]:
-    """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
+) -> list[np.ndarray]:
+    """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
 
-    Blanks at the end of a row may be left out. Empty lines are skipped. If tabs or semicolons
-    separate the columns, a comma is a decimal comma.
+    A blank is NaN. Blanks at the end of a row may be left out. Empty lines are skipped. If tabs or
+    semicolons separate the columns, a comma is a decimal comma.
 
     Args:
         lines: the file from the next line on.
         separator: separator of the numbers; None for any white space.
         width: numbers in a row.
+        split: function that returns the next rows of each array.
         blanks: whether a row of separators only is a frame in which nothing was seen.
-        chosen: the columns that are read, in the order in which they are returned, if not all are.
+        chosen: the columns that are read, in the order in which they are split, if not all are.
+
+    Raises:
+        RecordingError: if there is no row, or a row is wrong.
     """
     decimal = separator in {"\t", ";"}
+    arrays: list[GrowableArray] = []
     count = 0
     while text := lines.take(min(_BLOCK, _TOGETHER // width + 1)):
         first = lines.line - len(text) + 1
@@ -303,39 +309,11 @@ def blocks(
         if (large := np.argwhere(np.abs(values) > LARGEST)).size:
             at, column = large[0]
             value = values[at, column]
-            got = (
-                "a number that is not finite"
-                if np.isinf(value)
-                else f"{value:g}, which is too large"
-            )
+            got = f"{value:g}, which is too large"
+            if np.isinf(value):
+                got = "a number that is not finite"
             lines.fail(f"got {got}, allowed numbers up to {LARGEST:g}", rows[at][0])
-        yield values
-
-
-def read_rows(
-    lines: TextLines,
-    separator: str | None,
-    width: int,
-    split: Callable[[np.ndarray], Sequence[np.ndarray]],
-    blanks: bool = False,
-    chosen: Sequence[ChosenColumn] | None = None,
-) -> list[np.ndarray]:
-    """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
-
-    Args:
-        lines: as in `blocks`, and so are the others.
-        separator: separator of the numbers.
-        width: numbers in a row.
-        split: function that returns the next rows of each array.
-        blanks: whether a row of separators only is a frame.
-        chosen: the columns that are read.
-
-    Raises:
-        RecordingError: if there is no row, or a row is wrong.
-    """
-    arrays: list[GrowableArray] = []
-    for block in blocks(lines, separator, width, blanks, chosen):
-        parts = split(block)
+        parts = split(values)
         arrays = arrays or [GrowableArray() for _ in parts]
         for array, part in zip(arrays, parts, strict=True):
             array.add(part, lines.share)

@@ -90,11 +90,11 @@ class Widths:
             measures: name of a measure, in small letters -> its value [m].
         """
         half, found = 0.007, {}
-        for name, share in (("knee", 0.5), ("ankle", 0.5), ("elbow", 0.5), ("hand", 0.5)):
+        for name in ("knee", "ankle", "elbow", "hand"):
             what = "thickness" if name == "hand" else "width"
             sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
             if min(sides) > 0:
-                found[name] = share * float(np.mean(sides)) + half
+                found[name] = 0.5 * float(np.mean(sides)) + half
         sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
         if min(sides) > 0:
             found["shoulder"] = float(np.mean(sides)) + half
@@ -142,17 +142,11 @@ def roots_of(
     return hips | _shoulders(place, down, widths)
 
 
-class _Landmarks:
+class _Landmarks(dict[str, np.ndarray]):
     """Landmarks; a missing one is NaN everywhere."""
 
-    def __init__(self, at: Mapping[str, np.ndarray]) -> None:
-        self._at, self._lost = at, np.full_like(next(iter(at.values())), np.nan)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self._at.get(name, self._lost)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._at
+    def __missing__(self, name: str) -> np.ndarray:
+        return np.full_like(next(iter(self.values())), np.nan)
 
     def middle(self, name: str) -> np.ndarray:
         """Return the middle between both sides."""
