@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -55,15 +55,12 @@ _RIGID: Final = 0.05 * _SIZE
 """Largest distance of a thing's marker from its place in the shape [m]."""
 
 
-def of_subject(
-    motion: JointMotion, subject: str | None, known: Callable[[tuple[str, ...]], int], where: str
-) -> JointMotion:
+def of_subject(motion: JointMotion, subject: str | None, where: str) -> JointMotion:
     """Return one person's joints, without their prefix; things of three markers become objects.
 
     Args:
         motion: the joints of everybody.
         subject: prefix of the person; None if there is one person.
-        known: function that returns how many of some names are those of a person's joints.
         where: the recording's name, for messages.
 
     Raises:
@@ -84,8 +81,8 @@ def of_subject(
     if not groups:
         return motion
     if len(groups) < 2:
-        return _named_alike(motion, *groups.popitem(), known)
-    counts = {prefix: known(tuple(names.values())) for prefix, names in groups.items()}
+        return _named_alike(motion, *groups.popitem())
+    counts = {prefix: _known(tuple(names.values())) for prefix, names in groups.items()}
     whole = max(counts.values())
     people = [p for p, count in counts.items() if count >= max(_LEAST, _SHARE * whole)]
     if subject is None and len(people) > 1:
@@ -103,7 +100,7 @@ def of_subject(
             continue
         # Joints of a person of whom little is seen may stand still for long, like a thing.
         own, pose = tuple(names.values()), None
-        if known(own) <= _SHARE * len(own):
+        if _known(own) <= _SHARE * len(own):
             pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
         if pose is None:
             others.append(prefix)
@@ -122,14 +119,12 @@ def of_subject(
     return replace(motion.joints(keep), objects=objects, notes=(*said, *motion.notes))
 
 
-def _named_alike(
-    motion: JointMotion, prefix: str, names: dict[str, str], known: Callable[[tuple[str, ...]], int]
-) -> JointMotion:
+def _named_alike(motion: JointMotion, prefix: str, names: dict[str, str]) -> JointMotion:
     """Return the only person's joints, without their prefix if the names are known better without.
 
     Some namings contain the prefix, and mapping files may.
     """
-    if known(tuple(names.values())) <= known(motion.names):
+    if _known(tuple(names.values())) <= _known(motion.names):
         return motion
     return replace(motion.joints(names), notes=(*_said(prefix), *motion.notes))
 
@@ -258,7 +253,7 @@ def joints_of(
         motion = place(motion, where, reading.body)
     naming, unit = reading.naming, reading.unit
     if reading.subject is not None or not _names_whom(naming, motion.names):
-        motion = of_subject(motion, reading.subject, _known, where)
+        motion = of_subject(motion, reading.subject, where)
     landmarks, further, title = _landmarks(motion.names, naming, where)
     if not landmarks:
         used, found = naming_of(motion, naming, where)

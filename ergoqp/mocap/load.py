@@ -27,6 +27,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
+from ergoqp.joints import spoken
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -174,7 +175,7 @@ def _seen_at_all(
     found = {name: path for name, path in paths.items() if np.isfinite(path).any()}
     if len(found) < len(paths):
         check_placed(tuple(found), where)
-        lost = ", ".join(name.replace("_", " ") for name in paths if name not in found)
+        lost = ", ".join(spoken(name) for name in paths if name not in found)
         assumptions.append(f"Never seen and left out: {lost}.")
     return found
 
@@ -253,10 +254,9 @@ def _poses(pelvis: np.ndarray) -> np.ndarray:
     """Return upright poses (n, 4, 4) from positions [m] and headings [rad], shape (n, 4)."""
     poses = np.tile(np.eye(4), (len(pelvis), 1, 1))
     poses[:, :3, 3] = pelvis[:, :3]
-    cos, sin = np.cos(pelvis[:, 3]), np.sin(pelvis[:, 3])
-    poses[:, 0, 0] = poses[:, 1, 1] = cos
-    poses[:, 1, 0] = sin
-    poses[:, 0, 1] = -sin
+    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(pelvis[:, 3])
+    poses[:, 1, 0] = np.sin(pelvis[:, 3])
+    poses[:, 0, 1] = -poses[:, 1, 0]
     return poses
 
 
@@ -424,11 +424,8 @@ def _reading(
 
 
 def _check_window(window: tuple[float, float]) -> None:
-    numbers = isinstance(window, tuple | list) and len(window) == 2
-    if not numbers or not all(
-        isinstance(each, Real) and not isinstance(each, bool) and not math.isnan(each)
-        for each in window
-    ):
+    pair = isinstance(window, tuple | list) and len(window) == 2
+    if not pair or not all(_is_real(each) and not math.isnan(each) for each in window):
         raise InputError(f"window: got {shown(window)}, allowed two times in seconds")
     if not window[0] < window[1]:
         raise InputError(
@@ -436,8 +433,12 @@ def _check_window(window: tuple[float, float]) -> None:
         )
 
 
+def _is_real(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def _rate(rate: float) -> float:
-    if isinstance(rate, bool) or not isinstance(rate, Real) or not SLOWEST <= rate <= FASTEST:
+    if not (_is_real(rate) and SLOWEST <= rate <= FASTEST):
         raise InputError(f"rate: got {shown(rate)}, allowed {RATES}")
     return float(rate)
 
@@ -468,7 +469,7 @@ def _neutral(
         return None if neutral is None else "vertical"
     if isinstance(neutral, str | Path):
         return read_motion(path_of("neutral", neutral), asked=asked)
-    if isinstance(neutral, bool) or not isinstance(neutral, Real) or not math.isfinite(neutral):
+    if not (_is_real(neutral) and math.isfinite(neutral)):
         raise InputError(
             f"neutral: got {shown(neutral)}, allowed a time in seconds, a recording, 'vertical' or"
             " None"

@@ -352,6 +352,12 @@ def either(*choices: np.ndarray) -> np.ndarray:
     return found
 
 
+def every_centre(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the positions of every centre, NaN for those that the recording does not have."""
+    lost = np.full_like(next(iter(places.values())), np.nan)
+    return {**dict.fromkeys(CENTRES, lost), **places}
+
+
 _PAIRS: Final = ("hip", "shoulder", "knee", "elbow", "ankle", "wrist")
 """Pairs of centres that define the heading of the body, the best first."""
 
@@ -517,10 +523,9 @@ def fit(
         for centre, errors in part.errors.items():
             whole.errors[centre][rows] = errors[here]
         for cause, frames in part.not_scored.items():
-            if not frames[here].any():
-                continue
-            known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
-            known[rows] = frames[here]
+            if frames[here].any():
+                known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
+                known[rows] = frames[here]
         progress(stop / count)
     causes = whole.not_scored | not_seen(whole.observed, whole.postures, time)
     return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
@@ -534,8 +539,7 @@ def _fitted(
     usual: Mapping[str, Usual],
 ) -> tuple[Fit, dict[str, np.ndarray]]:
     """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
-    lost = np.full((len(time), 3), np.nan)
-    place = {centre: places.get(centre, lost) for centre in CENTRES}
+    place = every_centre(places)
     spine = spine_of(place, time)
     angles, told, second = dict(spine.angles), dict(spine.told), {}
     into_trunk, into_pelvis = spine.trunk.inv(), spine.upright.inv()

@@ -431,12 +431,11 @@ def not_followed(
             causes[f"{name} beyond its range"] = angle_between(bone, own) > _OFF
     for name, *ends in _BENDS:
         if all(end in places for end in ends):
-            bones, own = (
-                [_bone(each, *ends[:2]), _bone(each, *ends[1:])] for each in (places, fitted)
+            bend, own = (
+                angle_between(_bone(each, *ends[:2]), _bone(each, *ends[1:]))
+                for each in (places, fitted)
             )
-            causes[f"{name} beyond its range"] = (
-                np.abs(angle_between(*bones) - angle_between(*own)) > _OFF
-            )
+            causes[f"{name} beyond its range"] = np.abs(bend - own) > _OFF
     bones = {name: _bone(places, *ends) for name, *ends, _ in _bones() if name in usual}
     leaping = leaps(bones, time)
     for name, bone in bones.items():

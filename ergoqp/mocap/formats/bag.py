@@ -21,12 +21,12 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError
 from ergoqp.mocap.formats.bag_series import (
-    MOST,
     Frames,
     Joints,
     Markers,
     Series,
     Tree,
+    check_count,
     onto,
     plain,
     pose_row,
@@ -226,7 +226,7 @@ class Topics:
                 f" {short(within)}, allowed one frame"
             )
         series.add(stamp_of(message.header), recorded, row)
-        self._check(len(self._poses), f"{topic}: got", "topics of poses")
+        check_count(f"{self.where}: {topic}", len(self._poses), "topics of poses")
 
     def _take_angles(self, topic: str, message: Any, recorded: int) -> None:
         names, angles = list(message.name), message.position
@@ -239,13 +239,8 @@ class Topics:
             )
         series = self._angles.setdefault((topic, *names), Series(len(names)))
         series.add(stamp_of(message.header), recorded, angles)
-        self._check(len(names) + len(self._angles), f"{topic}: got", "joints or lists of joints")
-
-    def _check(self, count: int, what: str, things: str) -> None:
-        if count > MOST:
-            raise RecordingError(
-                f"{self.where}: {what} more than {MOST} {things}, allowed at most that many"
-            )
+        count = len(names) + len(self._angles)
+        check_count(f"{self.where}: {topic}", count, "joints or lists of joints")
 
 
 _LONGEST: Final = 1_000_000

@@ -37,6 +37,12 @@ _LARGEST: Final = 1e30
 """Largest number that is accepted as a measurement."""
 
 
+def check_count(where: str, count: int, things: str) -> None:
+    """Raise a RecordingError if there are more than `MOST` of some things."""
+    if count > MOST:
+        raise RecordingError(f"{where}: got more than {MOST} {things}, allowed at most that many")
+
+
 @dataclass(frozen=True)
 class Frames:
     """The frames at which everything else is sampled.
@@ -236,11 +242,7 @@ class Tree:
                     f" {short(parent)}, allowed one parent"
                 )
             series.add(stamp_of(each.header), recorded, row)
-            if len(self._moving) > MOST:
-                raise RecordingError(
-                    f"{self.where}: got more than {MOST} moving frames of tf, allowed at most that"
-                    " many"
-                )
+            check_count(self.where, len(self._moving), "moving frames of tf")
 
     def joints(self) -> Joints:
         """Return the frames that move, at the times of the one that is published most often.

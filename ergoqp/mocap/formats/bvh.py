@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
@@ -249,9 +250,6 @@ def _plain(text: str) -> bool:
     return text.isascii() and "_" not in text
 
 
-_AXES = {"X": 0, "Y": 1, "Z": 2}
-
-
 def read_bvh(
     path: Path, progress: Progress = unseen, asked: TableOptions | None = None
 ) -> JointMotion:
@@ -323,10 +321,11 @@ def _local(joint: Joint, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     offset = np.tile(joint.offset, (len(values), 1))
     rotation = np.broadcast_to(np.eye(3), (len(values), 3, 3))
     for channel, value in zip(joint.channels, values.T, strict=True):
+        axis = "XYZ".index(channel[0])
         if channel.endswith("position"):
-            offset[:, _AXES[channel[0]]] = value
+            offset[:, axis] = value
         else:
-            rotation = rotation @ _turn(_AXES[channel[0]], np.radians(value))
+            rotation = rotation @ _turn(axis, np.radians(value))
     return offset, rotation
 
 
@@ -341,28 +340,17 @@ def _turn(axis: int, angle: np.ndarray) -> np.ndarray:
     return turn
 
 
-_PARENT: Final[dict[str, str]] = {
-    "trunk": "pelvis",
-    "neck": "trunk",
-    "head": "neck",
-    "head_top": "head",
-    "nose": "head",
-    **{f"{side}_shoulder": "trunk" for side in SIDES},
-    **{f"{side}_hip": "pelvis" for side in SIDES},
-    **{
-        f"{side}_{child}": f"{side}_{parent}"
-        for side in SIDES
-        for parent, child in (
-            ("shoulder", "elbow"),
-            ("elbow", "wrist"),
-            ("wrist", "knuckles"),
-            ("wrist", "thumb"),
-            ("hip", "knee"),
-            ("knee", "ankle"),
-            ("ankle", "toe"),
-        )
-    },
-}
+_ARM: Final = ("shoulder", "elbow", "wrist", "knuckles")
+_LEG: Final = ("hip", "knee", "ankle", "toe")
+_CHAINS: Final = (
+    ("pelvis", "trunk", "neck", "head", "head_top"),
+    ("head", "nose"),
+    *(("trunk", *(f"{side}_{name}" for name in _ARM)) for side in SIDES),
+    *((f"{side}_wrist", f"{side}_thumb") for side in SIDES),
+    *(("pelvis", *(f"{side}_{name}" for name in _LEG)) for side in SIDES),
+)
+"""Joints of the file, each of which hangs from the one before."""
+_PARENT: Final = {child: above for chain in _CHAINS for above, child in pairwise(chain)}
 """Joint of the file -> its parent; each rotates with the body's frame of the same name."""
 
 # The usual axes of the format: x to the left, y up, z forward.

@@ -20,7 +20,7 @@ import numpy as np
 from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
-from ergoqp.joints import SIDES
+from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
 from ergoqp.mocap.markers.fit import check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
@@ -366,17 +366,15 @@ def joints_of_markers(
         for name, which in landmarks.items()
         if "_wrist_" not in name or np.isfinite(motion.positions[:, list(which), 0]).any()
     }
+    sample = _at(landmarks, motion.positions[::every], unit)
     segments, said = rigid_segments(motion, landmarks, more, given, unit, every)
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
-        unplaced = _unplaced(where, _at(landmarks, motion.positions[::every], unit))
+        unplaced = _unplaced(where, sample)
         # A person file of somebody else may be the reason, so its sentence is added.
-        for sentence in said:
-            if "pelvis's markers are not where" in sentence:
-                unplaced += f"; t{sentence[1:-1]}"
-        raise RecordingError(unplaced)
+        blamed = [each for each in said if "pelvis's markers are not where" in each]
+        raise RecordingError("; t".join([unplaced, *(each[1:-1] for each in blamed)]))
     widths, count = Widths.of(motion.measures), len(motion.time)
-    sample = _at(landmarks, motion.positions[::every], unit)
     check_order(where, sample)
     links = Links(roots_of(sample, widths, size) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
@@ -506,7 +504,7 @@ def _most_first(counts: Mapping[str, int]) -> list[tuple[str, int]]:
     """Return names in words and counts, the largest first."""
     # Equal counts are sorted by name, so that the order does not depend on the blocks.
     ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
-    return [(name.replace("_", " "), count) for name, count in ordered]
+    return [(spoken(name), count) for name, count in ordered]
 
 
 def _counted(words: str, each: list[tuple[str, int]], count: int) -> list[str]:
