@@ -316,8 +316,9 @@ def _no_words(motion: JointMotion) -> Iterator[str]:
 
 
 def _is_number(value: Any) -> bool:
+    number: Any = value
     real = isinstance(value, Real) and not isinstance(value, bool)
-    return real and bool(-_LARGEST <= value <= _LARGEST)
+    return real and bool(-_LARGEST <= number <= _LARGEST)
 
 
 def _line(value: Any) -> str:

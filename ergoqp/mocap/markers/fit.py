@@ -325,8 +325,8 @@ def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.nd
 @cache
 def _function() -> ca.Function:
     """Return a function: pelvis and posture (36,), growth (14,) -> position and axes of each."""
-    z, growth, *body = of_any_body()
-    rows = [part for place, turn, _ in segments(z, *body) for part in (place, ca.vec(turn))]
+    z, growth, body, yaw = of_any_body()
+    rows = [part for place, turn, _ in segments(z, body, yaw) for part in (place, ca.vec(turn))]
     return ca.Function("frames", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
 
 
@@ -451,8 +451,8 @@ def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
 @cache
 def _jacobian_function() -> ca.Function:
     """Return a function: pelvis and posture, growth -> position, axes and Jacobian of segments."""
-    z, growth, *body = of_any_body()
-    rows = [ca.vec(part) for parts in segments(z, *body) for part in parts]
+    z, growth, body, yaw = of_any_body()
+    rows = [ca.vec(part) for parts in segments(z, body, yaw) for part in parts]
     one = ca.Function("segments", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
     return one.map(_SOLVED_BLOCK)
 

@@ -372,8 +372,10 @@ def joints_of_markers(
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
         unplaced = _unplaced(where, sample)
         # A person file of somebody else may be the reason, so its sentence is added.
-        blamed = [each for each in said if "pelvis's markers are not where" in each]
-        raise RecordingError("; t".join([unplaced, *(each[1:-1] for each in blamed)]))
+        for sentence in said:
+            if "pelvis's markers are not where" in sentence:
+                unplaced += f"; t{sentence[1:-1]}"
+        raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
     check_order(where, sample)
     links = Links(roots_of(sample, widths, size) | sample)
