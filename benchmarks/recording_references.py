@@ -156,7 +156,7 @@ def stooped(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def marker_fit(path: Path) -> tuple[float, float]:
     """Return how far markers are from where they sit, on the fitted and on a standing body [m]."""
     ours, motion = load_recording(path), read_motion(path)
-    found = joints_of(motion, path.name, None, None, None, {})
+    found = joints_of(motion, path.name, ReadOptions())
     poses = ours.base_poses[found.frames]
     pelvis = np.column_stack([poses[:, :3, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
     postures = ours.postures[found.frames]

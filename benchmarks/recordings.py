@@ -63,7 +63,7 @@ from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.mocap.assumptions import measured_lengths, suggested_stature
 from ergoqp.mocap.fitting.axes import axes_of, find_unit, find_up, leans
-from ergoqp.mocap.joints import joints_of
+from ergoqp.mocap.joints import ReadOptions, joints_of
 from ergoqp.mocap.load import CALIBRATION
 from ergoqp.mocap.naming import centres_of
 from ergoqp.mocap.readers import read_motion
@@ -92,7 +92,7 @@ POLE = np.radians(3.0)
 
 def places_of(path: Path) -> Places:
     """Return a file's own joint centres [m], z up."""
-    paths = joints_of(read_motion(path), path.name, None, None, None, {}).paths
+    paths = joints_of(read_motion(path), path.name, ReadOptions()).paths
     stature, up = suggested_stature(measured_lengths(paths)), find_up(paths)
     assert stature is not None
     assert up is not None

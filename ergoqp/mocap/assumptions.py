@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import FRACTIONS, Body
-from ergoqp.human.body import Marker, believable
+from ergoqp.human.body import believable
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
 from ergoqp.mocap.fitting.axes import (
     Neutral,
@@ -27,10 +27,9 @@ from ergoqp.mocap.fitting.axes import (
     upright_line,
 )
 from ergoqp.mocap.fitting.posture import Fit
-from ergoqp.mocap.fitting.validity import BRIDGED, NEEDED
+from ergoqp.mocap.fitting.validity import BRIDGED, NEEDED, scored_frames
 from ergoqp.mocap.formats.text import some
-from ergoqp.mocap.joints import joints_of
-from ergoqp.mocap.naming import Naming
+from ergoqp.mocap.joints import ReadOptions, joints_of
 from ergoqp.mocap.recording import JointMotion
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
@@ -143,42 +142,12 @@ def _median_distance(a: np.ndarray, b: np.ndarray) -> float:
     return _median(np.linalg.norm(a - b, axis=1))
 
 
-def _median(values: np.ndarray) -> float:
+def _median(values: np.ndarray, unknown: float = 0.0) -> float:
     values = values[np.isfinite(values)]
-    return float(np.median(values)) if len(values) else 0.0
+    return float(np.median(values)) if len(values) else unknown
 
 
 _ROUNDED: Final = 1e-3  # s
-
-
-@dataclass(frozen=True)
-class ReadOptions:
-    """Options for reading a recording; what is None is found from the recording.
-
-    Attributes:
-        body: the person.
-        shapes: marker -> its place on the body, from a person file.
-        subject: the person whose joints are read: the prefix of their names.
-        thing: name of the object that the person holds.
-        unit: size of the unit of length [m].
-        up: the vertical axis.
-        naming: names of the joints.
-        neutral: time at which the person is straight [s], a recording in which the person is
-            straight, or ``"vertical"``.
-        window: first and last time [s].
-        completed: whether lost markers have been estimated already.
-    """
-
-    body: Body | None = None
-    shapes: Mapping[str, Marker] = field(default_factory=dict)
-    subject: str | None = None
-    thing: str | None = None
-    unit: float | None = None
-    up: str | None = None
-    naming: Naming | None = None
-    neutral: float | str | JointMotion | None = None
-    window: tuple[float, float] | None = None
-    completed: bool = False
 
 
 def windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
@@ -334,14 +303,7 @@ def straight_of(
     if stated == "vertical":
         return None
     if isinstance(stated, JointMotion):
-        trial = joints_of(
-            stated,
-            f"{where}: neutral",
-            reading.naming,
-            reading.subject,
-            reading.unit,
-            reading.shapes,
-        )
+        trial = joints_of(stated, f"{where}: neutral", replace(reading, body=None))
         check_same_person(where, world, trial.paths, trial.unit)
         there = {centre: path @ axes.T for centre, path in trial.paths.items()}
         check_stands(where, there)
@@ -461,101 +423,71 @@ def _from_hands(path: np.ndarray, centres: Mapping[str, np.ndarray]) -> float:
     for name in ("right_wrist", "left_wrist"):
         if name in centres:
             nearest = np.fmin(nearest, np.linalg.norm(path - centres[name], axis=1))
-    told = nearest[np.isfinite(nearest)]
-    return float(np.median(told)) if len(told) else math.nan
+    return _median(nearest, math.nan)
 
 
 _POOR: Final = 0.06  # m
 _FASTEST: Final = 12.0  # m/s: faster than a hand at work
 
 
-def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) -> list[str]:
-    """Return sentences about what is unusual in a fitted recording.
+def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) -> Iterator[str]:
+    """Yield sentences about what is unusual in a fitted recording.
 
     Args:
         time: time stamps, shape (n,) [s].
         targets: centre -> positions (n, 3) [m] that the body was fitted to.
         result: result of the fit.
     """
-    told = np.any(result.observed, axis=0)
-    return [
-        *_poor(result.error),
-        *_leaps(time, targets),
-        *_not_scored(result.not_scored),
-        *_bridged(result),
-        *_unobserved(told),
-    ]
-
-
-def _not_scored(causes: Mapping[str, np.ndarray]) -> list[str]:
-    """Return a sentence with the numbers of frames that are not scored, per cause."""
-    if not causes:
-        return []
-    lacking = np.logical_or.reduce(list(causes.values()))
-    counted = ", ".join(f"{cause} {int(frames.sum())}" for cause, frames in causes.items())
-    return [f"{int(lacking.sum())} of {len(lacking)} frames are not scored: {counted}."]
-
-
-def _bridged(result: Fit) -> list[str]:
-    """Return a sentence with the number of scored frames that have an interpolated joint."""
-    lacking = np.logical_or.reduce([np.zeros(len(result.error), bool), *result.not_scored.values()])
+    # The body is far from the recording with a wrong axis or mapping.
+    if (median := _median(result.error)) > _POOR:
+        yield (
+            f"The body fits poorly, with an error of {1000 * median:.0f} mm in the median frame;"
+            " check the vertical axis, the person and the mapping."
+        )
+    yield from _leaps(time, targets)
+    scored = scored_frames(len(time), result.not_scored)
+    if causes := result.not_scored:
+        counted = ", ".join(f"{cause} {int(frames.sum())}" for cause, frames in causes.items())
+        yield f"{int((~scored).sum())} of {len(scored)} frames are not scored: {counted}."
     needed = [INDEX[joint] for _, joint, *_ in NEEDED if result.observed[:, INDEX[joint]].any()]
-    count = int((~result.observed[:, needed].all(axis=1) & ~lacking).sum())
-    if not count:
-        return []
-    return [
-        f"In {count} frames a joint is lost for less than {BRIDGED:g} s: it is interpolated from"
-        " the frames around."
-    ]
+    if count := int((~result.observed[:, needed].all(axis=1) & scored).sum()):
+        yield (
+            f"In {count} frames a joint is lost for less than {BRIDGED:g} s: it is interpolated"
+            " from the frames around."
+        )
+    yield from _unobserved(np.any(result.observed, axis=0))
 
 
-def _poor(error: np.ndarray) -> list[str]:
-    """Return a sentence if the body is far from the recording, as with a wrong axis or mapping."""
-    seen = error[np.isfinite(error)]
-    median = float(np.median(seen)) if len(seen) else 0.0
-    if median <= _POOR:
-        return []
-    how = f"The body fits poorly, with an error of {1000 * median:.0f} mm in the median frame"
-    return [f"{how}; check the vertical axis, the person and the mapping."]
-
-
-def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> list[str]:
-    """Return a sentence if a centre moves too fast for the frame time (calibration, keyframes)."""
+def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """Yield a sentence if a centre moves too fast for the frame time (calibration, keyframes)."""
     moved = np.full(len(time) - 1, np.nan)
     for path in targets.values():
         moved = np.fmax(moved, np.linalg.norm(np.diff(path, axis=0), axis=1))
     places = np.flatnonzero(moved > _FASTEST * np.diff(time))
-    if not len(places):
-        return []
-    first = places[0]
-    more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
-    return [
-        f"Between the frames {first + 1} and {first + 2}{more} a joint moves by"
-        f" {moved[places].max():.2f} m at once: this is a calibration pose, or the frames are not"
-        " uniform in time."
-    ]
+    if len(places):
+        first = places[0]
+        more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
+        yield (
+            f"Between the frames {first + 1} and {first + 2}{more} a joint moves by"
+            f" {moved[places].max():.2f} m at once: this is a calibration pose, or the frames are"
+            " not uniform in time."
+        )
 
 
-def _unobserved(told: np.ndarray) -> list[str]:
-    """Return sentences about joints that no centre determines, and what follows for the score."""
-    never = [
-        spoken(name) for name, is_told in zip(JOINTS, told.tolist(), strict=True) if not is_told
-    ]
-    if not never:
-        return []
-    sentences = [f"Not determined by the recording and set to zero: {', '.join(never)}."]
+def _unobserved(told: np.ndarray) -> Iterator[str]:
+    """Yield sentences about joints that no centre determines, and what follows for the score."""
+    never = [spoken(JOINTS[i]) for i in np.flatnonzero(~told)]
+    if never:
+        yield f"Not determined by the recording and set to zero: {', '.join(never)}."
     arms = [side for side in SIDES if told[INDEX[f"{side}_shoulder_flexion"]]]
     if len(arms) == 1:
         lost = next(side for side in SIDES if side not in arms)
-        sentences.append(
-            f"The {lost} arm is not seen and is scored as hanging, so only the other arm counts."
-        )
+        yield f"The {lost} arm is not seen and is scored as hanging, so only the other arm counts."
     if any(
         told[INDEX[f"{side}_wrist_flexion"]] and not told[INDEX[f"{side}_forearm_pronation"]]
         for side in SIDES
     ):
-        sentences.append(
+        yield (
             "The bend of the wrist is split into flexion and deviation as if the forearm were not"
             " rotated."
         )
-    return sentences

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -55,15 +55,12 @@ _RIGID: Final = 0.05 * _SIZE
 """Largest distance of a thing's marker from its place in the shape [m]."""
 
 
-def of_subject(
-    motion: JointMotion, subject: str | None, known: Callable[[tuple[str, ...]], int], where: str
-) -> JointMotion:
+def of_subject(motion: JointMotion, subject: str | None, where: str) -> JointMotion:
     """Return one person's joints, without their prefix; things of three markers become objects.
 
     Args:
         motion: the joints of everybody.
         subject: prefix of the person; None if there is one person.
-        known: function that returns how many of some names are those of a person's joints.
         where: the recording's name, for messages.
 
     Raises:
@@ -84,8 +81,8 @@ def of_subject(
     if not groups:
         return motion
     if len(groups) < 2:
-        return _named_alike(motion, *groups.popitem(), known)
-    counts = {prefix: known(tuple(names.values())) for prefix, names in groups.items()}
+        return _named_alike(motion, *groups.popitem())
+    counts = {prefix: _known(tuple(names.values())) for prefix, names in groups.items()}
     whole = max(counts.values())
     people = [p for p, count in counts.items() if count >= max(_LEAST, _SHARE * whole)]
     if subject is None and len(people) > 1:
@@ -103,7 +100,7 @@ def of_subject(
             continue
         # Joints of a person of whom little is seen may stand still for long, like a thing.
         own, pose = tuple(names.values()), None
-        if known(own) <= _SHARE * len(own):
+        if _known(own) <= _SHARE * len(own):
             pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
         if pose is None:
             others.append(prefix)
@@ -122,14 +119,12 @@ def of_subject(
     return replace(motion.joints(keep), objects=objects, notes=(*said, *motion.notes))
 
 
-def _named_alike(
-    motion: JointMotion, prefix: str, names: dict[str, str], known: Callable[[tuple[str, ...]], int]
-) -> JointMotion:
+def _named_alike(motion: JointMotion, prefix: str, names: dict[str, str]) -> JointMotion:
     """Return the only person's joints, without their prefix if the names are known better without.
 
     Some namings contain the prefix, and mapping files may.
     """
-    if known(tuple(names.values())) <= known(motion.names):
+    if _known(tuple(names.values())) <= _known(motion.names):
         return motion
     return replace(motion.joints(names), notes=(*_said(prefix), *motion.notes))
 
@@ -206,26 +201,46 @@ class Found:
     whole: JointMotion | None = None
 
 
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options for reading a recording; what is None is found from the recording.
+
+    Attributes:
+        body: the person.
+        shapes: marker -> its place on the body, from a person file.
+        subject: the person whose joints are read: the prefix of their names.
+        thing: name of the object that the person holds.
+        unit: size of the unit of length [m].
+        up: the vertical axis.
+        naming: names of the joints.
+        neutral: time at which the person is straight [s], a recording in which the person is
+            straight, or ``"vertical"``.
+        window: first and last time [s].
+        completed: whether lost markers have been estimated already.
+    """
+
+    body: Body | None = None
+    shapes: Mapping[str, Marker] = field(default_factory=dict)
+    subject: str | None = None
+    thing: str | None = None
+    unit: float | None = None
+    up: str | None = None
+    naming: Naming | None = None
+    neutral: float | str | JointMotion | None = None
+    window: tuple[float, float] | None = None
+    completed: bool = False
+
+
 def joints_of(
-    motion: JointMotion,
-    where: str,
-    naming: Naming | None,
-    subject: str | None,
-    unit: float | None,
-    shapes: Mapping[str, Marker],
-    body: Body | None = None,
-    progress: Progress = unseen,
+    motion: JointMotion, where: str, reading: ReadOptions, progress: Progress = unseen
 ) -> Found:
     """Return the joint centres of one person.
 
     Args:
         motion: content of the file.
         where: its name, for messages.
-        naming: names of the joints or markers; None tries the known namings and marker sets.
-        subject: the person, if there are several.
-        unit: the file's unit of length [m] as the user states it.
-        shapes: marker -> its place on the body, from a person file.
-        body: the person, if their lengths are known.
+        reading: options for reading it; without a naming, the known namings and marker sets are
+            tried.
         progress: is called with the share of the frames that is done.
 
     Raises:
@@ -235,9 +250,10 @@ def joints_of(
     ready = bool(motion.angles) and not motion.names
     if ready:
         place = placed_by_angles if own_angles(motion.angles) else posed
-        motion = place(motion, where, body)
-    if subject is not None or not _names_whom(naming, motion.names):
-        motion = of_subject(motion, subject, _known, where)
+        motion = place(motion, where, reading.body)
+    naming, unit = reading.naming, reading.unit
+    if reading.subject is not None or not _names_whom(naming, motion.names):
+        motion = of_subject(motion, reading.subject, where)
     landmarks, further, title = _landmarks(motion.names, naming, where)
     if not landmarks:
         used, found = naming_of(motion, naming, where)
@@ -255,15 +271,14 @@ def joints_of(
         return Found(
             _emptied(motion, things), paths, rest, unit or motion.unit, said, upright=ready
         )
-    return _of_markers(motion, where, (landmarks, further, title), shapes, unit, progress)
+    return _of_markers(motion, where, (landmarks, further, title), reading, progress)
 
 
 def _of_markers(
     motion: JointMotion,
     where: str,
     skin: tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str],
-    shapes: Mapping[str, Marker],
-    unit: float | None,
+    reading: ReadOptions,
     progress: Progress,
 ) -> Found:
     """Return the joint centres of one person from markers, as `_landmarks` found them."""
@@ -272,8 +287,8 @@ def _of_markers(
     # A joint centre may be at the file's origin, but a marker at the origin was not seen.
     worn = {**further, **{name: which for name, which in landmarks.items() if name in LANDMARKS}}
     motion = off_origin(motion, sorted({i for which in worn.values() for i in which}))
+    shapes, stated = reading.shapes, reading.unit or motion.unit
     motion, landmarks = _with_known(motion, landmarks, title, shapes)
-    stated = unit or motion.unit
     size = unit_of_markers(motion, where, landmarks, stated)
     if stated is None:
         said += (f"The unit of length is taken as {size:g} m, from the width of the person.",)

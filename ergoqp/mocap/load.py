@@ -7,17 +7,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
+from types import NoneType
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import Progress, names_of, part_of, path_of, shown, unmasked, unseen
+from ergoqp.arguments import (
+    Progress,
+    check_kind,
+    names_of,
+    part_of,
+    path_of,
+    shown,
+    unmasked,
+    unseen,
+)
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
-from ergoqp.mocap.assumptions import ReadOptions as ReadOptions
+from ergoqp.joints import spoken
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -31,8 +41,9 @@ from ergoqp.mocap.assumptions import (
 )
 from ergoqp.mocap.fitting.axes import UPS, calibration_poses, check_sides, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
-from ergoqp.mocap.fitting.validity import smoothed
+from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
+from ergoqp.mocap.joints import ReadOptions as ReadOptions
 from ergoqp.mocap.joints import joints_of
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
@@ -69,16 +80,7 @@ def recording_of(
     exact = _exactness(where, motion)
     if reading.window is not None:
         motion = windowed(motion, reading.window)
-    found = joints_of(
-        motion,
-        where,
-        reading.naming,
-        reading.subject,
-        reading.unit,
-        reading.shapes,
-        reading.body,
-        part_of(progress, 0.0, _FOUND),
-    )
+    found = joints_of(motion, where, reading, part_of(progress, 0.0, _FOUND))
     motion = found.motion
     found_out = found.said
     assumptions = list(found_out)
@@ -173,7 +175,7 @@ def _seen_at_all(
     found = {name: path for name, path in paths.items() if np.isfinite(path).any()}
     if len(found) < len(paths):
         check_placed(tuple(found), where)
-        lost = ", ".join(name.replace("_", " ") for name in paths if name not in found)
+        lost = ", ".join(spoken(name) for name in paths if name not in found)
         assumptions.append(f"Never seen and left out: {lost}.")
     return found
 
@@ -225,9 +227,7 @@ def _calibrated(
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    shown = np.ones(len(frames), dtype=bool)
-    for unscored in result.not_scored.values():
-        shown &= ~unscored[frames]
+    shown = scored_frames(len(result.pelvis), result.not_scored)[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]
@@ -254,10 +254,9 @@ def _poses(pelvis: np.ndarray) -> np.ndarray:
     """Return upright poses (n, 4, 4) from positions [m] and headings [rad], shape (n, 4)."""
     poses = np.tile(np.eye(4), (len(pelvis), 1, 1))
     poses[:, :3, 3] = pelvis[:, :3]
-    cos, sin = np.cos(pelvis[:, 3]), np.sin(pelvis[:, 3])
-    poses[:, 0, 0] = poses[:, 1, 1] = cos
-    poses[:, 1, 0] = sin
-    poses[:, 0, 1] = -sin
+    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(pelvis[:, 3])
+    poses[:, 1, 0] = np.sin(pelvis[:, 3])
+    poses[:, 0, 1] = -poses[:, 1, 0]
     return poses
 
 
@@ -329,9 +328,13 @@ def load_recording(
         ((31, 32), True)
     """
     path = path_of("recording", path)
-    asked = TableOptions(_names("columns", columns), None if rate is None else _rate(rate))
+    if isinstance(columns, str) or not all(isinstance(each, str) and each for each in columns):
+        raise InputError(f"columns: got {shown(columns)}, allowed a list of names")
+    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate))
     reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
-    reading = replace(reading, subject=_name("subject", subject), thing=_name("thing", thing))
+    for what, name in (("subject", subject), ("thing", thing)):
+        check_kind(what, name, (str, NoneType), "a name or None")
+    reading = replace(reading, subject=subject, thing=thing)
     progress = progress or unseen
     # The motion is not kept here: an hour is large, and is freed as soon as its joints are named.
     return recording_of(
@@ -421,11 +424,8 @@ def _reading(
 
 
 def _check_window(window: tuple[float, float]) -> None:
-    numbers = isinstance(window, tuple | list) and len(window) == 2
-    if not numbers or not all(
-        isinstance(each, Real) and not isinstance(each, bool) and not math.isnan(each)
-        for each in window
-    ):
+    pair = isinstance(window, tuple | list) and len(window) == 2
+    if not pair or not all(_is_real(each) and not math.isnan(each) for each in window):
         raise InputError(f"window: got {shown(window)}, allowed two times in seconds")
     if not window[0] < window[1]:
         raise InputError(
@@ -433,8 +433,12 @@ def _check_window(window: tuple[float, float]) -> None:
         )
 
 
+def _is_real(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def _rate(rate: float) -> float:
-    if isinstance(rate, bool) or not isinstance(rate, Real) or not SLOWEST <= rate <= FASTEST:
+    if not (_is_real(rate) and SLOWEST <= rate <= FASTEST):
         raise InputError(f"rate: got {shown(rate)}, allowed {RATES}")
     return float(rate)
 
@@ -457,18 +461,6 @@ def _places(positions: ArrayLike, count: int) -> np.ndarray:
     )
 
 
-def _name(what: str, name: str | None) -> str | None:
-    if name is not None and not isinstance(name, str):
-        raise InputError(f"{what}: got {shown(name)}, allowed a name or None")
-    return name
-
-
-def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(names, str) or not all(isinstance(name, str) and name for name in names):
-        raise InputError(f"{what}: got {shown(names)}, allowed a list of names")
-    return tuple(names)
-
-
 def _neutral(
     neutral: float | str | Path | None, asked: TableOptions
 ) -> float | str | JointMotion | None:
@@ -477,7 +469,7 @@ def _neutral(
         return None if neutral is None else "vertical"
     if isinstance(neutral, str | Path):
         return read_motion(path_of("neutral", neutral), asked=asked)
-    if isinstance(neutral, bool) or not isinstance(neutral, Real) or not math.isfinite(neutral):
+    if not (_is_real(neutral) and math.isfinite(neutral)):
         raise InputError(
             f"neutral: got {shown(neutral)}, allowed a time in seconds, a recording, 'vertical' or"
             " None"

@@ -155,11 +155,8 @@ def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
 def _words(name: str) -> list[str]:
     """Return the words of a name in small letters: "LeftForeArm_2" has left, fore and arm."""
     letters = unicodedata.normalize("NFC", name).translate(_UMLAUTS)
-    plain = "".join(
-        letter
-        for letter in unicodedata.normalize("NFD", letters)
-        if not unicodedata.combining(letter)
-    )
+    decomposed = unicodedata.normalize("NFD", letters)
+    plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
     parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*", plain)
     known = {
         word
@@ -502,7 +499,8 @@ _MEASURED: Final = tuple(
 """Centres with an anatomical position; the others only define a direction."""
 
 
-_CENTRES_BLOCK: Final = 4096
+_BLOCK: Final = 4096
+"""Frames that are evaluated at once, to save memory."""
 
 
 def placed(names: Iterable[str]) -> list[str]:
@@ -530,13 +528,25 @@ def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str
         >>> float(centres["left_wrist"][0, 1].round(3))
         0.184
     """
-    z, function, growth = np.hstack([pelvis, postures]), _centres_function(), growth_of(body)
-    parts = [
-        np.array(function(z[at : at + _CENTRES_BLOCK].T, growth))
-        for at in range(0, len(z), _CENTRES_BLOCK)
-    ]
-    places = np.hstack(parts).reshape(len(_MEASURED), 3, -1)
+    values = evaluated(_centres_function(), body, pelvis, postures)
+    places = values.reshape(len(_MEASURED), 3, -1)
     return {centre: place.T for centre, place in zip(_MEASURED, places, strict=True)}
+
+
+def evaluated(
+    function: ca.Function, body: Body, pelvis: np.ndarray, postures: np.ndarray
+) -> np.ndarray:
+    """Return the values (m, n) of a function of pelvis and posture (36,) and growth (14,).
+
+    Args:
+        function: the function, with a column of m values.
+        body: the person.
+        pelvis: x, y, z [m] and yaw [rad] (n, 4).
+        postures: joint angles (n, 32) [rad].
+    """
+    z, growth = np.hstack([pelvis, postures]), growth_of(body)
+    starts = range(0, len(z), _BLOCK)
+    return np.hstack([np.array(function(z[at : at + _BLOCK].T, growth)) for at in starts])
 
 
 def growth_of(body: Body) -> np.ndarray:
@@ -548,12 +558,17 @@ def growth_of(body: Body) -> np.ndarray:
     return np.array(growth)
 
 
+def of_any_body() -> tuple[ca.SX, ca.SX, Kinematics, ca.SX]:
+    """Return symbols of pelvis and posture (36,) and growth (14,), the body and its yaw (3, 3)."""
+    z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
+    cos, sin = ca.cos(z[3]), ca.sin(z[3])
+    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    return z, growth, Kinematics(Body(), growth), yaw
+
+
 @cache
 def _centres_function() -> ca.Function:
     """Return a function: pelvis and posture (36,), growth (14,) -> positions of `_MEASURED`."""
-    z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
-    kinematics = Kinematics(Body(), growth)
-    cos, sin = ca.cos(z[3]), ca.sin(z[3])
-    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    z, growth, kinematics, yaw = of_any_body()
     places = [z[:3] + yaw @ kinematics.at(centre, z[4:])[0] for centre in _MEASURED]
     return ca.Function("centres", [z, growth], [ca.densify(ca.cse(ca.vertcat(*places)))])

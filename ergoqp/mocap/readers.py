@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from numbers import Real
@@ -111,21 +111,18 @@ def kind_of(path: Path) -> Kind:
         if first.startswith(b"PK") and any(word in first for word in _SHEETS):
             raise RecordingError(f"{path.name} is a file of a spreadsheet program; save it as CSV")
         raise RecordingError(f"{path.name} is compressed; unpack it first")
-    found = _marked(first)
-    if found is None and of_ending is MOTIVE:
+    if found := _marked(first):
+        return found
+    if of_ending is MOTIVE or (of_ending is None and _is_table(first)):
         return TABLE
-    if found is None and of_ending is None and _is_table(first):
-        return TABLE
-    if found is None and of_ending is None:
-        own = [f".{name}" for name in registered("reader")]
-        endings = dict.fromkeys([*(each for kind in KINDS for each in kind.endings), *own])
-        raise RecordingError(
-            f"{path.name}: got the ending {path.suffix!r} and the content of no known format,"
-            f" allowed {', '.join(endings)}"
-        )
-    kind = found or of_ending
-    assert kind is not None
-    return kind
+    if of_ending is not None:
+        return of_ending
+    own = [f".{name}" for name in registered("reader")]
+    endings = dict.fromkeys([*(each for kind in KINDS for each in kind.endings), *own])
+    raise RecordingError(
+        f"{path.name}: got the ending {path.suffix!r} and the content of no known format,"
+        f" allowed {', '.join(endings)}"
+    )
 
 
 def _marked(first: bytes) -> Kind | None:
@@ -170,19 +167,24 @@ _LARGEST: Final = 1e9
 
 def lacking(motion: Any) -> str:
     """Return in words what of a motion violates `JointMotion`, or an empty text."""
-    if not isinstance(motion, JointMotion):
-        return shown(motion)
+    # What follows a violation is not looked at: it would fail, or say the same again.
+    return next(_violations(motion), "") if isinstance(motion, JointMotion) else shown(motion)
+
+
+def _violations(motion: JointMotion) -> Iterator[str]:
+    """Yield in words what of a motion violates `JointMotion`."""
     names = motion.names
     listed = isinstance(names, tuple | list) and all(isinstance(n, str) and n for n in names)
     if not listed or not names:
-        return f"the names {_line(names)}"
+        yield f"the names {_line(names)}"
     if len(set(names)) < len(names):
-        return "a name twice"
+        yield "a name twice"
     if broken := [name for name in names if name.splitlines() != [name]]:
-        return f"the name {shown(broken[0])}"
+        yield f"the name {shown(broken[0])}"
     times = _numbers(motion.time)
     if times is None or times.ndim != 1 or not len(times):
-        return f"the times {_line(motion.time)}"
+        yield f"the times {_line(motion.time)}"
+        return
     count = len(times)
     shapes: list[tuple[str, Any, tuple[int, ...]]] = [
         ("positions", motion.positions, (count, len(names), 3))
@@ -195,12 +197,17 @@ def lacking(motion: Any) -> str:
         ("angles", motion.angles, (count,)),
     ):
         if not isinstance(each, Mapping) or not all(isinstance(name, str) for name in each):
-            return f"the {what} {_line(each)}"
+            yield f"the {what} {_line(each)}"
         shapes += [(f"{what} of {name}", values, shape) for name, values in each.items()]
     for what, values, shape in shapes:
         if wrong := _no_numbers(values, shape):
-            return f"{what} {wrong}"
-    return _no_times(times) or _no_turns(motion) or _too_large(motion, shapes) or _no_words(motion)
+            yield f"{what} {wrong}"
+    yield from _no_times(_floats(times))
+    yield from _no_turns(motion)
+    for what, values, _ in shapes[1:]:  # not for positions
+        if np.fmax.reduce(np.abs(_floats(values)), axis=None, initial=0.0) > _LARGEST:
+            yield f"{what} with a number beyond {_LARGEST:g}"
+    yield from _no_words(motion)
 
 
 def normalised(motion: JointMotion) -> JointMotion:
@@ -254,30 +261,27 @@ def _no_numbers(values: Any, shape: tuple[int, ...]) -> str:
     return "with infinite numbers" if np.isinf(_floats(array)).any() else ""
 
 
-def _no_times(times: np.ndarray) -> str:
-    """Return in words what is wrong with times in seconds, or an empty text."""
-    times = _floats(times)
+def _no_times(times: np.ndarray) -> Iterator[str]:
+    """Yield in words what is wrong with times in seconds."""
     if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
-        return "times that do not increase"
-    if len(times) == 1:
-        return ""
-    step = float(np.median(np.diff(times)))
-    if not _SLACK_TIME / FASTEST <= step <= 1 / (_SLACK_TIME * SLOWEST):
-        return f"times that are {step:.3g} s apart and not {1 / FASTEST:g} to {1 / SLOWEST:g} s"
-    if times[-1] - times[0] > LONGEST:
-        return f"times over {times[-1] - times[0]:.3g} s and not at most {LONGEST:g} s"
-    return ""
+        yield "times that do not increase"
+    if len(times) > 1:
+        step = float(np.median(np.diff(times)))
+        if not _SLACK_TIME / FASTEST <= step <= 1 / (_SLACK_TIME * SLOWEST):
+            yield f"times that are {step:.3g} s apart and not {1 / FASTEST:g} to {1 / SLOWEST:g} s"
+        if times[-1] - times[0] > LONGEST:
+            yield f"times over {times[-1] - times[0]:.3g} s and not at most {LONGEST:g} s"
 
 
-def _no_turns(motion: JointMotion) -> str:
-    """Return in words which orientations or poses of a motion are invalid, or an empty text."""
+def _no_turns(motion: JointMotion) -> Iterator[str]:
+    """Yield in words which orientations or poses of a motion are invalid."""
     for name, turns in motion.turns.items():
         seen = _seen(turns)
         # Large numbers are refused first, because their squares could be infinite.
         if (np.abs(seen) > _SLACK + 1).any() or (
             np.abs(np.linalg.norm(seen, axis=1) - 1) > _SLACK
         ).any():
-            return f"turns of {name} that are not unit quaternions"
+            yield f"turns of {name} that are not unit quaternions"
     for name, poses in motion.objects.items():
         whole = _seen(poses)
         axes = whole[:, :3, :3]
@@ -287,17 +291,7 @@ def _no_turns(motion: JointMotion) -> str:
             or (np.linalg.det(axes) < 0).any()
             or (np.abs(whole[:, 3] - [0, 0, 0, 1]) > _SLACK).any()
         ):
-            return f"objects of {name} that are not poses"
-    return ""
-
-
-def _too_large(motion: JointMotion, shapes: list[tuple[str, Any, tuple[int, ...]]]) -> str:
-    """Return in words which numbers are too large, or an empty text; not for positions."""
-    for what, values, _ in shapes[1:]:
-        array = np.abs(_floats(values))
-        if np.fmax.reduce(array, axis=None, initial=0.0) > _LARGEST:
-            return f"{what} with a number beyond {_LARGEST:g}"
-    return ""
+            yield f"objects of {name} that are not poses"
 
 
 def _seen(values: Any) -> np.ndarray:
@@ -306,22 +300,19 @@ def _seen(values: Any) -> np.ndarray:
     return array[np.isfinite(array).reshape(len(array), -1).all(axis=1)]
 
 
-def _no_words(motion: JointMotion) -> str:
-    """Return in words which of the other attributes of a motion is invalid, or an empty text."""
+def _no_words(motion: JointMotion) -> Iterator[str]:
+    """Yield in words which of the other attributes of a motion is invalid."""
     if motion.unit is not None and not (_is_number(motion.unit) and motion.unit > 0):
-        return f"the unit {shown(motion.unit)}"
+        yield f"the unit {shown(motion.unit)}"
     if motion.up is not None and not (isinstance(motion.up, str) and motion.up in UPS):
-        return f"the vertical axis {_line(motion.up)}"
-    if not isinstance(motion.notes, tuple | list) or not all(
-        isinstance(note, str) for note in motion.notes
-    ):
-        return f"the notes {_line(motion.notes)}"
+        yield f"the vertical axis {_line(motion.up)}"
+    notes, measures = motion.notes, motion.measures
+    if not isinstance(notes, tuple | list) or not all(isinstance(note, str) for note in notes):
+        yield f"the notes {_line(notes)}"
     if not isinstance(motion.markers, bool | np.bool_):
-        return f"the markers {_line(motion.markers)}"
-    measures = motion.measures
+        yield f"the markers {_line(motion.markers)}"
     if not isinstance(measures, Mapping) or not all(map(_is_number, measures.values())):
-        return f"the measures {_line(measures)}"
-    return ""
+        yield f"the measures {_line(measures)}"
 
 
 def _is_number(value: Any) -> bool:
@@ -368,34 +359,26 @@ def read_motion(
         check_free("reader", [ending[1:]])
     elif ending in [f".{name}" for name in registered("reader")]:
         own = _own_motion(path, ending[1:], own_term("reader", ending[1:]))
-        return _noted(own, _unused(asked, None))
-    kind = kind_of(path)
-    motion = _noted(kind.read(path, progress, asked or TableOptions()), _unused(asked, kind))
+        return replace(own, notes=(*_unused(asked), *own.notes))
+    kind, notes = kind_of(path), []
     # A bag may be a folder, and then has no ending.
     if ending not in kind.endings and not os.path.isdir(path):
-        said = (
+        notes.append(
             f"The file is read as {kind.title} because of its content, although its ending is"
             f" {ending or 'none'}."
         )
-        return _noted(motion, [said])
-    return motion
+    if kind is not TABLE:
+        notes += _unused(asked)
+    motion = kind.read(path, progress, asked or TableOptions())
+    return replace(motion, notes=(*notes, *motion.notes))
 
 
-def _noted(motion: JointMotion, notes: list[str]) -> JointMotion:
-    """Return a motion with further notes before its own."""
-    return replace(motion, notes=(*notes, *motion.notes)) if notes else motion
-
-
-def _unused(asked: TableOptions | None, kind: Kind | None) -> list[str]:
-    """Return sentences about stated options that the format or a user's own reader ignores."""
-    notes = []
-    if asked and asked.columns and kind is not TABLE:
-        notes.append("The stated names (columns) are not used: only a table can lack names.")
-    if asked and asked.rate is not None and kind is not TABLE:
-        notes.append(
-            "The stated frames per second (rate) are not used: the file has its own times."
-        )
-    return notes
+def _unused(asked: TableOptions | None) -> Iterator[str]:
+    """Yield sentences about stated options that all formats but a table ignore."""
+    if asked and asked.columns:
+        yield "The stated names (columns) are not used: only a table can lack names."
+    if asked and asked.rate is not None:
+        yield "The stated frames per second (rate) are not used: the file has its own times."
 
 
 def _own_motion(path: Path, name: str, reader: Any) -> JointMotion:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
+from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import count_of, count_repeated_frames, to_seconds
 
 
@@ -186,10 +187,7 @@ class Recording:
     @property
     def scored(self) -> np.ndarray:
         """Frames that show a posture, shape (n,) bool."""
-        lacking = np.zeros(len(self.time), dtype=bool)
-        for frames in self.not_scored.values():
-            lacking |= frames
-        return ~lacking
+        return scored_frames(len(self.time), self.not_scored)
 
     @property
     def scored_postures(self) -> np.ndarray:

@@ -14,7 +14,7 @@ from ergoqp.arguments import unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.mocap.formats.c3d import read_c3d
 from ergoqp.mocap.formats.text import TableOptions
-from ergoqp.mocap.joints import _known, of_subject
+from ergoqp.mocap.joints import of_subject
 from ergoqp.mocap.naming import CENTRES
 from ergoqp.mocap.recording import JointMotion
 
@@ -34,7 +34,7 @@ def whose(name: str, names: tuple[str, ...] = MARKERS) -> list[str]:
 
 
 def chosen(motion: JointMotion, subject: str | None = None) -> JointMotion:
-    return of_subject(motion, subject, _known, "take")
+    return of_subject(motion, subject, "take")
 
 
 def with_thing(

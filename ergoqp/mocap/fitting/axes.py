@@ -47,8 +47,7 @@ from scipy.spatial.transform import Rotation
 
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
-from ergoqp.mocap.fitting.posture import either, unit
-from ergoqp.mocap.naming import CENTRES
+from ergoqp.mocap.fitting.posture import either, every_centre, unit
 
 _HEAD: Final = ("head", "head_top", "nose")
 _LEGS: Final = ("pelvis", "hip", "knee", "ankle", "toe")
@@ -62,7 +61,7 @@ def leans(places: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     Args:
         places: centre -> positions (n, 3), any unit, x forward, y left, z up.
     """
-    place = _every_centre(places)
+    place = every_centre(places)
     left, trunk = _left(place), place["neck"] - _hips(place)
     level = left * [1.0, 1.0, 0.0]
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
@@ -91,7 +90,7 @@ def straightened(
     shift = shift_of(places, trunk)
     if shift is None or trunk == neck == 0.0:
         return dict(places)
-    left = _bridged(_left(_every_centre(places)))
+    left = _bridged(_left(every_centre(places)))
     found = {
         centre: path if centre.endswith(_LEGS) else (path + shift).astype(path.dtype)
         for centre, path in places.items()
@@ -111,7 +110,7 @@ def shift_of(places: Mapping[str, np.ndarray], trunk: float) -> np.ndarray | Non
         places: centre -> positions (n, 3) [m].
         trunk: angle by which the trunk is turned back [rad].
     """
-    place = _every_centre(places)
+    place = every_centre(places)
     # The shift is interpolated where a hip is not seen for a moment.
     level = _bridged(_left(place)) * [1.0, 1.0, 0.0]
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
@@ -134,12 +133,6 @@ def _bridged(vectors: np.ndarray) -> np.ndarray:
         return vectors
     at = np.arange(len(vectors))
     return np.stack([np.interp(at, at[seen], each[seen]) for each in vectors.T], axis=1)
-
-
-def _every_centre(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the positions of every centre, NaN for those that the recording does not have."""
-    lost = np.full_like(next(iter(places.values())), np.nan)
-    return {**dict.fromkeys(CENTRES, lost), **places}
 
 
 def _hips(place: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -266,7 +259,7 @@ def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
     A trunk that is bent by more than a skeleton leans is not a T-pose.
     """
-    place = _every_centre(places)
+    place = every_centre(places)
     found = stands_straight(places) & (np.abs(leans(places)[0]) < _LIKELY)
     for side, other in zip(SIDES, reversed(SIDES), strict=True):
         shoulder, elbow, wrist = (
@@ -316,7 +309,7 @@ def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def _arms_hang(places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the frames in which no upper arm is raised by more than 45 degrees (n,) bool."""
-    place = _every_centre(places)
+    place = every_centre(places)
     arms = [place[f"{side}_elbow"] - place[f"{side}_shoulder"] for side in SIDES]
     down = np.broadcast_to([0.0, 0.0, -1.0], arms[0].shape)
     raised = [_cosine(arm, down) < math.cos(math.radians(45)) for arm in arms]
@@ -328,7 +321,7 @@ def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
 
     That is where one foot passes the other.
     """
-    walks, place = np.zeros(len(time), dtype=bool), _every_centre(places)
+    walks, place = np.zeros(len(time), dtype=bool), every_centre(places)
     passed = _ahead_of_hips(place, place["right_ankle"] - place["left_ankle"])
     block = np.floor((time - time[0]) / _STRIDE).astype(int)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
@@ -412,11 +405,9 @@ def find_unit(stature: float, where: str) -> float:
     low, high = LIKELY_STATURE
     fitting = {name: size for name, size in UNITS.items() if low <= stature * size <= high}
     if len(fitting) != 1:
-        which = (
-            f"several units ({', '.join(fitting)}) give"
-            if fitting
-            else f"none of {', '.join(UNITS)} gives"
-        )
+        which = f"none of {', '.join(UNITS)} gives"
+        if fitting:
+            which = f"several units ({', '.join(fitting)}) give"
         raise RecordingError(
             f"{where}: the unit of length is unknown: the bones correspond to a stature of"
             f" {stature:.4g} file units, and {which} {low} to {high} m; state the unit (unit_to_m)"
@@ -484,10 +475,8 @@ def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
         places: centre -> positions (n, 3), any unit, along our axes.
     """
     leg = leg_of(places)
-    top, hips = (
-        first_middle(places, ("neck",), _SHOULDERS),
-        first_middle(places, ("pelvis",), _HIPS),
-    )
+    top = first_middle(places, ("neck",), _SHOULDERS)
+    hips = first_middle(places, ("pelvis",), _HIPS)
     if leg is None or top is None or hips is None:
         return None
     trunk = top - hips
@@ -539,10 +528,8 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
     Raises:
         RecordingError: if left and right are exchanged, or an axis is mirrored.
     """
-    top, hips = (
-        first_middle(places, _SHOULDERS, ("neck",)),
-        first_middle(places, _HIPS, ("pelvis",)),
-    )
+    top = first_middle(places, _SHOULDERS, ("neck",))
+    hips = first_middle(places, _HIPS, ("pelvis",))
     pair = next((p for p in (_HIPS, _SHOULDERS) if all(name in places for name in p)), None)
     if top is None or hips is None or pair is None:
         return ""
@@ -551,7 +538,7 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
     # A trunk that is level or upside down does not show left and right.
     ahead[~(trunk[:, 2] > 0.5 * np.linalg.norm(trunk, axis=1))] = np.nan
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
-    for what, ways in _evidence(_every_centre(places), ahead, trunk):
+    for what, ways in _evidence(every_centre(places), ahead, trunk):
         ways = ways[np.isfinite(ways)]
         if len(ways) < _FEW or max((ways > 0).mean(), (ways < 0).mean()) < _CLEAR:
             continue

@@ -115,10 +115,8 @@ def chosen(
         cost[0 if begin else 1, 0] = np.inf
     weight = np.minimum(told[1:], told[:-1])
     weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
-    way = np.empty((2, 2, len(at) - 1))
-    for before in (0, 1):
-        for after in (0, 1):
-            way[before, after] = (weight * np.abs(both[after, 1:] - both[before, :-1])).sum(axis=1)
+    # From each triple of a frame to each of the next one.
+    way = (weight * np.abs(both[:, 1:] - both[:, None, :-1])).sum(axis=3)
     way[:, :, since[1:, 0] > _GAP] = 0.0
     # While an arm is not seen, it keeps the triple of the last frame in which it was seen.
     before = np.searchsorted(seen, np.arange(len(time)), side="right") - 1
@@ -354,6 +352,12 @@ def either(*choices: np.ndarray) -> np.ndarray:
     return found
 
 
+def every_centre(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the positions of every centre, NaN for those that the recording does not have."""
+    lost = np.full_like(next(iter(places.values())), np.nan)
+    return {**dict.fromkeys(CENTRES, lost), **places}
+
+
 _PAIRS: Final = ("hip", "shoulder", "knee", "elbow", "ankle", "wrist")
 """Pairs of centres that define the heading of the body, the best first."""
 
@@ -519,10 +523,9 @@ def fit(
         for centre, errors in part.errors.items():
             whole.errors[centre][rows] = errors[here]
         for cause, frames in part.not_scored.items():
-            if not frames[here].any():
-                continue
-            known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
-            known[rows] = frames[here]
+            if frames[here].any():
+                known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
+                known[rows] = frames[here]
         progress(stop / count)
     causes = whole.not_scored | not_seen(whole.observed, whole.postures, time)
     return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
@@ -536,8 +539,7 @@ def _fitted(
     usual: Mapping[str, Usual],
 ) -> tuple[Fit, dict[str, np.ndarray]]:
     """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
-    lost = np.full((len(time), 3), np.nan)
-    place = {centre: places.get(centre, lost) for centre in CENTRES}
+    place = every_centre(places)
     spine = spine_of(place, time)
     angles, told, second = dict(spine.angles), dict(spine.told), {}
     into_trunk, into_pelvis = spine.trunk.inv(), spine.upright.inv()

@@ -36,6 +36,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
 from ergoqp.joints import INDEX, SIDES, spoken
+from ergoqp.mocap.formats.text import are_alike
 
 _NOISE: Final = np.radians(1.0) ** 2
 """Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""
@@ -141,9 +142,7 @@ def moments(paths: Mapping[str, np.ndarray]) -> np.ndarray:
     new = np.zeros(len(next(iter(paths.values()))), dtype=bool)
     new[:1] = True
     for path in paths.values():
-        one, other = path[:-1], path[1:]
-        same = (one == other) | (np.isnan(one) & np.isnan(other))
-        new[1:] |= ~same.all(axis=1)
+        new[1:] |= ~are_alike(path[1:], path[:-1])
     return new
 
 
@@ -432,12 +431,11 @@ def not_followed(
             causes[f"{name} beyond its range"] = angle_between(bone, own) > _OFF
     for name, *ends in _BENDS:
         if all(end in places for end in ends):
-            bones, own = (
-                [_bone(each, *ends[:2]), _bone(each, *ends[1:])] for each in (places, fitted)
+            bend, own = (
+                angle_between(_bone(each, *ends[:2]), _bone(each, *ends[1:]))
+                for each in (places, fitted)
             )
-            causes[f"{name} beyond its range"] = (
-                np.abs(angle_between(*bones) - angle_between(*own)) > _OFF
-            )
+            causes[f"{name} beyond its range"] = np.abs(bend - own) > _OFF
     bones = {name: _bone(places, *ends) for name, *ends, _ in _bones() if name in usual}
     leaping = leaps(bones, time)
     for name, bone in bones.items():
@@ -474,6 +472,16 @@ def not_seen(observed: np.ndarray, postures: np.ndarray, time: np.ndarray) -> di
         if not observed[:, [INDEX[joint] for joint in joints]].any():
             causes[f"{name} not seen"] = np.ones(len(time), dtype=bool)
     return causes
+
+
+def scored_frames(count: int, not_scored: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the frames that no cause keeps from being scored (count,) bool.
+
+    Args:
+        count: number of frames.
+        not_scored: cause -> the frames that are not scored because of it (count,) bool.
+    """
+    return ~np.logical_or.reduce([np.zeros(count, dtype=bool), *not_scored.values()])
 
 
 def _bones() -> Iterator[tuple[str, str, str, float]]:

@@ -21,12 +21,12 @@ import numpy as np
 from ergoqp.arguments import Progress
 from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError
 from ergoqp.mocap.formats.bag_series import (
-    MOST,
     Frames,
     Joints,
     Markers,
     Series,
     Tree,
+    check_count,
     onto,
     plain,
     pose_row,
@@ -133,21 +133,15 @@ class Topics:
         A topic with the joints of an Azure Kinect is preferred: other moving frames may be a
         robot's.
         """
-        notes = [
-            f"None of the {len(markers)} messages of {topic} shows anybody."
-            for topic, markers in self.markers.items()
-            if not markers.ids
-        ]
-        notes += [
-            f"{topic} has {len(markers.ids)} markers or more and is not read."
-            for topic, markers in self.markers.items()
-            if markers.crowded
-        ]
-        shown = {
-            topic: markers
-            for topic, markers in self.markers.items()
-            if markers.ids and not markers.crowded
-        }
+        empty, crowded, shown = [], [], dict[str, Markers]()
+        for topic, markers in self.markers.items():
+            if not markers.ids:
+                empty.append(f"None of the {len(markers)} messages of {topic} shows anybody.")
+            elif markers.crowded:
+                crowded.append(f"{topic} has {len(markers.ids)} markers or more and is not read.")
+            else:
+                shown[topic] = markers
+        notes = empty + crowded
         best = max(shown, key=lambda name: (shown[name].kinect, len(shown[name].ids)), default=None)
         moving = self.tree.names
         if best is not None and not shown[best].kinect and len(shown[best].ids) < len(moving):
@@ -232,7 +226,7 @@ class Topics:
                 f" {short(within)}, allowed one frame"
             )
         series.add(stamp_of(message.header), recorded, row)
-        self._check(len(self._poses), f"{topic}: got", "topics of poses")
+        check_count(f"{self.where}: {topic}", len(self._poses), "topics of poses")
 
     def _take_angles(self, topic: str, message: Any, recorded: int) -> None:
         names, angles = list(message.name), message.position
@@ -245,13 +239,8 @@ class Topics:
             )
         series = self._angles.setdefault((topic, *names), Series(len(names)))
         series.add(stamp_of(message.header), recorded, angles)
-        self._check(len(names) + len(self._angles), f"{topic}: got", "joints or lists of joints")
-
-    def _check(self, count: int, what: str, things: str) -> None:
-        if count > MOST:
-            raise RecordingError(
-                f"{self.where}: {what} more than {MOST} {things}, allowed at most that many"
-            )
+        count = len(names) + len(self._angles)
+        check_count(f"{self.where}: {topic}", count, "joints or lists of joints")
 
 
 _LONGEST: Final = 1_000_000

@@ -37,6 +37,12 @@ _LARGEST: Final = 1e30
 """Largest number that is accepted as a measurement."""
 
 
+def check_count(where: str, count: int, things: str) -> None:
+    """Raise a RecordingError if there are more than `MOST` of some things."""
+    if count > MOST:
+        raise RecordingError(f"{where}: got more than {MOST} {things}, allowed at most that many")
+
+
 @dataclass(frozen=True)
 class Frames:
     """The frames at which everything else is sampled.
@@ -78,8 +84,7 @@ class Series:
 
     def frames(self, where: str) -> Frames:
         """Return the rows as frames."""
-        sent, recorded = self._stamps()
-        return frames_of(where, sent, recorded, self._table())
+        return frames_of(where, *self.stamps(), self._table())
 
     def at(self, frames: Frames, where: str) -> np.ndarray:
         """Return the last row before each frame (n, width), NaN if there is none or it is old.
@@ -90,7 +95,7 @@ class Series:
             frames: the frames.
             where: name of the series, for messages.
         """
-        sent, recorded = self._stamps()
+        sent, recorded = self.stamps()
         rows = finite(self._table(), where)
         stamps = recorded + frames.lag
         if usable(sent) and abs(_lag(sent, recorded) - frames.lag) < _APART:
@@ -105,11 +110,10 @@ class Series:
     def _table(self) -> np.ndarray:
         return np.frombuffer(self._rows, dtype=np.float32).reshape(-1, self.width)
 
-    def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
-        return (
-            np.frombuffer(self._sent, dtype=np.int64),
-            np.frombuffer(self._recorded, dtype=np.int64),
-        )
+    def stamps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stamps of the sender and of the recorder (n,) [ns]."""
+        sent, recorded = (np.frombuffer(s, dtype=np.int64) for s in (self._sent, self._recorded))
+        return sent, recorded
 
 
 def frames_of(
@@ -238,11 +242,7 @@ class Tree:
                     f" {short(parent)}, allowed one parent"
                 )
             series.add(stamp_of(each.header), recorded, row)
-            if len(self._moving) > MOST:
-                raise RecordingError(
-                    f"{self.where}: got more than {MOST} moving frames of tf, allowed at most that"
-                    " many"
-                )
+            check_count(self.where, len(self._moving), "moving frames of tf")
 
     def joints(self) -> Joints:
         """Return the frames that move, at the times of the one that is published most often.
@@ -385,15 +385,14 @@ class Markers:
         self.ids: dict[tuple[str, int], int] = {}
         self.frames: Counter[str] = Counter()
         self._texts: list[str | None] = []
-        self._sent = array("q")
-        self._recorded = array("q")
+        self._messages = Series(0)
         self._message = array("i")
         self._id = array("i")
         self._places = array("f")
 
     def __len__(self) -> int:
         """Return the number of messages."""
-        return len(self._sent)
+        return len(self._messages)
 
     @property
     def crowded(self) -> bool:
@@ -416,12 +415,11 @@ class Markers:
             elif marker.text != self._texts[place]:
                 self._texts[place] = None
             position = marker.pose.position
-            self._message.append(len(self._sent))
+            self._message.append(len(self))
             self._id.append(place)
             self._places.extend((position.x, position.y, position.z))
             self.frames[marker.header.frame_id.lstrip("/")] += 1
-        self._sent.append(sent)
-        self._recorded.append(recorded)
+        self._messages.add(sent, recorded, ())
 
     def joints(self) -> Joints:
         """Return the joints of all messages.
@@ -435,7 +433,7 @@ class Markers:
                 f"{self.where}: got markers in the frames {within}, allowed one frame"
             )
         messages = np.frombuffer(self._message, dtype=np.intc)
-        sent, recorded = (np.frombuffer(s, dtype=np.int64) for s in (self._sent, self._recorded))
+        sent, recorded = self._messages.stamps()
         shown = np.zeros(len(sent), dtype=bool)
         shown[messages] = True
         names, columns, said = self._kinect_columns(messages) if self.kinect else self._named()
@@ -514,10 +512,9 @@ class Markers:
     def _named(self) -> tuple[tuple[str, ...], np.ndarray, list[str]]:
         """Return the markers' own names: their texts, or else namespace and number."""
         texts = Counter(self._texts)
-        names = [
-            text if text and texts[text] == 1 else f"{ns}/{number}" if ns else str(number)
-            for (ns, number), text in zip(self.ids, self._texts, strict=True)
-        ]
+        numbered = [f"{ns}/{number}" if ns else str(number) for ns, number in self.ids]
+        pairs = zip(numbered, self._texts, strict=True)
+        names = [text if text and texts[text] == 1 else name for name, text in pairs]
         if len(set(names)) < len(names):
-            names = [f"{ns}/{number}" if ns else str(number) for ns, number in self.ids]
+            names = numbered
         return tuple(names), np.arange(len(names)), []

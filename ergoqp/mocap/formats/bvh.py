@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
@@ -220,11 +221,9 @@ def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iter
             yield np.array(block)
             block = []
     if stated != found or not found:
-        what = (
-            "the recording is cut or was joined with another"
-            if found
-            else "there is no movement in it"
-        )
+        what = "there is no movement in it"
+        if found:
+            what = "the recording is cut or was joined with another"
         raise RecordingError(
             f"{cursor.path.name}, line {stated_line}: got {found} rows, allowed {stated} as"
             f" stated; {what}"
@@ -249,9 +248,6 @@ def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
 def _plain(text: str) -> bool:
     """Return whether a text has no numbers that only Python accepts, such as 1_0."""
     return text.isascii() and "_" not in text
-
-
-_AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
 def read_bvh(
@@ -325,10 +321,11 @@ def _local(joint: Joint, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     offset = np.tile(joint.offset, (len(values), 1))
     rotation = np.broadcast_to(np.eye(3), (len(values), 3, 3))
     for channel, value in zip(joint.channels, values.T, strict=True):
+        axis = "XYZ".index(channel[0])
         if channel.endswith("position"):
-            offset[:, _AXES[channel[0]]] = value
+            offset[:, axis] = value
         else:
-            rotation = rotation @ _turn(_AXES[channel[0]], np.radians(value))
+            rotation = rotation @ _turn(axis, np.radians(value))
     return offset, rotation
 
 
@@ -343,34 +340,23 @@ def _turn(axis: int, angle: np.ndarray) -> np.ndarray:
     return turn
 
 
-_PARENT: Final[dict[str, str]] = {
-    "trunk": "pelvis",
-    "neck": "trunk",
-    "head": "neck",
-    "head_top": "head",
-    "nose": "head",
-    **{f"{side}_shoulder": "trunk" for side in SIDES},
-    **{f"{side}_hip": "pelvis" for side in SIDES},
-    **{
-        f"{side}_{child}": f"{side}_{parent}"
-        for side in SIDES
-        for parent, child in (
-            ("shoulder", "elbow"),
-            ("elbow", "wrist"),
-            ("wrist", "knuckles"),
-            ("wrist", "thumb"),
-            ("hip", "knee"),
-            ("knee", "ankle"),
-            ("ankle", "toe"),
-        )
-    },
-}
+_ARM: Final = ("shoulder", "elbow", "wrist", "knuckles")
+_LEG: Final = ("hip", "knee", "ankle", "toe")
+_CHAINS: Final = (
+    ("pelvis", "trunk", "neck", "head", "head_top"),
+    ("head", "nose"),
+    *(("trunk", *(f"{side}_{name}" for name in _ARM)) for side in SIDES),
+    *((f"{side}_wrist", f"{side}_thumb") for side in SIDES),
+    *(("pelvis", *(f"{side}_{name}" for name in _LEG)) for side in SIDES),
+)
+"""Joints of the file, each of which hangs from the one before."""
+_PARENT: Final = {child: above for chain in _CHAINS for above, child in pairwise(chain)}
 """Joint of the file -> its parent; each rotates with the body's frame of the same name."""
 
 # The usual axes of the format: x to the left, y up, z forward.
 _TO_FILE: Final = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 _UNITS_PER_METRE: Final = 100.0
-_ROTATIONS: Final = "Zrotation Xrotation Yrotation"
+_ROTATIONS: Final = ("Zrotation", "Xrotation", "Yrotation")
 
 
 def write_bvh(
@@ -445,27 +431,20 @@ def _write_joint(
     """Append a joint and its descendants; yield the names of the descendants in channel order."""
     tab = "  " * depth
     offset = _TO_FILE @ offsets[name] * _UNITS_PER_METRE
+    channels = [*([] if depth else CHANNELS[:3]), *_ROTATIONS]
     lines += [
         f"{tab}{'JOINT' if depth else 'ROOT'} {name}",
         f"{tab}{{",
         f"{tab}  OFFSET {offset[0]:.6f} {offset[1]:.6f} {offset[2]:.6f}",
-        (
-            f"{tab}  CHANNELS 3 {_ROTATIONS}"
-            if depth
-            else f"{tab}  CHANNELS 6 Xposition Yposition Zposition {_ROTATIONS}"
-        ),
+        f"{tab}  CHANNELS {len(channels)} {' '.join(channels)}",
     ]
     children = [child for child, parent in _PARENT.items() if parent == name]
     for child in children:
         yield child
         yield from _write_joint(child, lines, depth + 1, offsets)
     if not children:
-        lines += [
-            f"{tab}  End Site",
-            f"{tab}  {{",
-            f"{tab}    OFFSET 0.000000 0.000000 0.000000",
-            f"{tab}  }}",
-        ]
+        end = ("End Site", "{", "  OFFSET 0.000000 0.000000 0.000000", "}")
+        lines += [f"{tab}  {line}" for line in end]
     lines.append(f"{tab}}}")
 
 

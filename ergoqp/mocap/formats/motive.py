@@ -171,19 +171,17 @@ def _things(lines: TextLines) -> tuple[list[_Thing], int]:
         lines.fail(
             "got too few rows above the numbers, allowed type, name, ID, measured quantity and axis"
         )
-    axes, what = head[-1], head[-2]
-    kinds, names = head[0], head[1]
+    kinds, names, *_, what, axes = head
     if not "".join(axes[1:2]).startswith("Time"):
         lines.fail(f"got the second column {short(''.join(axes[1:2]))}, allowed Time (Seconds)")
     things: dict[tuple[str, str], _Thing] = {}
     for column in range(2, min(map(len, (kinds, names, what, axes)))):
         kind, name = kinds[column], names[column]
-        if not axes[column] or not name:
-            continue
-        thing = things.setdefault((kind, name), _Thing(kind, name))
-        places = thing.columns.setdefault(what[column], {})
-        thing.twice = thing.twice or axes[column] in places
-        places[axes[column]] = column
+        if axes[column] and name:
+            thing = things.setdefault((kind, name), _Thing(kind, name))
+            places = thing.columns.setdefault(what[column], {})
+            thing.twice |= axes[column] in places
+            places[axes[column]] = column
     return [thing for thing in things.values() if thing.of("Position")], len(axes)
 
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -54,10 +54,7 @@ class Wearer:
         self.path, self.label = path, label
         self.rate = float(rate) if is_number(rate) and "," not in rate else 0.0
         if not 1.0 <= self.rate <= 10_000.0:
-            raise RecordingError(
-                f"{path.name}: frameRate: got {short(rate)}, allowed frames per second from 1 to"
-                " 10000"
-            )
+            self.fail(f"frameRate: got {short(rate)}, allowed frames per second from 1 to 10000")
         self.segments: list[str] = []
         self.joints: list[str] = []
         self._indices: list[int] = []
@@ -66,14 +63,17 @@ class Wearer:
         # Positions, quaternions and joint angles.
         self._arrays = [GrowableArray(), GrowableArray(), GrowableArray()]
 
+    def fail(self, problem: str) -> NoReturn:
+        """Raise a RecordingError about the file."""
+        raise RecordingError(f"{self.path.name}: {problem}")
+
     def append(self, what: str, label: str) -> None:
         """Add the label of a segment or joint; raise if it comes after a frame, or again."""
         labels = self.segments if what == "segment" else self.joints
         if not label or label in labels or self._indices:
             problem = "after a frame" if self._indices else "twice" if label else "without a name"
-            raise RecordingError(
-                f"{self.path.name}: got the {what} {short(label)} {problem}, allowed each once and"
-                " before the frames"
+            self.fail(
+                f"got the {what} {short(label)} {problem}, allowed each once and before the frames"
             )
         labels.append(label)
 
@@ -93,15 +93,9 @@ class Wearer:
             raise lacking(self.path)
         row = self._row(index, found)
         if (number := count_of(index)) is None:
-            raise RecordingError(
-                f"{self.path.name}: got a frame with the index {short(index)}, allowed a whole"
-                " number"
-            )
+            self.fail(f"got a frame with the index {short(index)}, allowed a whole number")
         if self._indices and len(row) != self._width:
-            raise RecordingError(
-                f"{self.path.name}: got joint angles (jointAngle) in some of the frames, allowed"
-                " in all or none"
-            )
+            self.fail("got joint angles (jointAngle) in some of the frames, allowed in all or none")
         self._width = len(row)
         self._indices.append(number)
         self._block.append(row)
@@ -118,9 +112,7 @@ class Wearer:
         if not self.segments:
             raise lacking(self.path)
         if not self._indices:
-            raise RecordingError(
-                f"{self.path.name}: got no frame of movement, allowed normal frames"
-            )
+            self.fail("got no frame of movement, allowed normal frames")
         if self._block:
             self._take(1.0)
         positions, quaternions, bent = (each.view for each in self._arrays)
@@ -161,9 +153,9 @@ class Wearer:
             if len(values) != width or "_" in text or not all(abs(v) <= LARGEST for v in values):
                 wrong = [word for word in words if not _is_read(word)]
                 got = f"{short(wrong[0])} among " if wrong else ""
-                raise RecordingError(
-                    f"{self.path.name}: frame {short(index)}: got {got}{len(words)} words for"
-                    f" {what}, allowed {width} numbers"
+                self.fail(
+                    f"frame {short(index)}: got {got}{len(words)} words for {what}, allowed {width}"
+                    " numbers"
                 )
             row += values
         return row

@@ -21,7 +21,7 @@ as for all other recordings; this gives the same angles.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -175,9 +175,9 @@ def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
         for name in _of_both_sides(model)
         if name in angles and name not in {*_HEADINGS, *model.moved}
     }
+    largest = {name: _largest(each) for name, each in turned.items()}
     root = {step for step, _ in model.segments[model.root].steps}
-    for name, each in turned.items():
-        farthest = float(np.fmax.reduce(np.abs(each), initial=0.0))
+    for name, farthest in largest.items():
         often = name in root or name in _ABOUT
         if farthest > (4 * np.pi if often else _MOST_OF_A_COORDINATE):
             allowed = "two whole turns" if often else f"{_MOST_OF_A_COORDINATE:g} rad"
@@ -185,14 +185,12 @@ def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
                 f"{where}: {name} reaches {farthest:.4g} rad, allowed {allowed}: the unit of the"
                 " angles (inDegrees) is wrong"
             )
-    most = max(
-        (float(np.fmax.reduce(np.abs(each), initial=0.0)) for each in turned.values()), default=0.0
-    )
+    most = max(largest.values(), default=0.0)
     if not _LEAST < most < _SMALL:
         return []
     small = f"no angle of the joints exceeds {np.degrees(most):.2g} deg"
     wrong = "radians that are taken as degrees look like this"
-    plausible = sum(np.fmax.reduce(np.abs(each), initial=0.0) > _LEAST for each in turned.values())
+    plausible = sum(each > _LEAST for each in largest.values())
     moving = sum(_range(each) > _SWAYS for each in turned.values())
     goes = max((_range(angles[name]) for name in model.moved if name in angles), default=0.0)
     if plausible >= _FEW and (moving >= _FEW or goes > _STANDS):
@@ -247,6 +245,11 @@ def _of_both_sides(model: OpenSimModel) -> list[str]:
         (name, next((end for end in ends if name.endswith(end)), "")) for name in model.coordinates
     ]
     return [name.removesuffix(own) + end for name, own in bare for end in (ends if own else [""])]
+
+
+def _largest(values: np.ndarray) -> float:
+    """Return the largest absolute value of (n,); 0 if none is known."""
+    return float(np.fmax.reduce(np.abs(values), initial=0.0))
 
 
 def _range(values: np.ndarray) -> float:
@@ -337,13 +340,16 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
 def is_of_model(names: Iterable[str]) -> bool:
     """Return whether some joint angles are the coordinates of a known model."""
     known = {name.lower() for path in names if (name := coordinate_of(path)) is not None}
-    return any(known.issuperset(model.telling) for model in MODELS)
+    return _model_with(known) is not None
+
+
+def _model_with(coordinates: Collection[str]) -> OpenSimModel | None:
+    return next((each for each in MODELS if set(coordinates).issuperset(each.telling)), None)
 
 
 def _model_of(angles: Angles, where: str) -> OpenSimModel:
-    for model in MODELS:
-        if all(name in angles for name in model.telling):
-            return model
+    if model := _model_with(angles):
+        return model
     known = {model.title: some(model.coordinates) for model in reversed(MODELS)}
     allowed = "; ".join(f"{title}: {names}" for title, names in reversed(known.items()))
     raise RecordingError(
@@ -493,7 +499,7 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
     person, columns = body or Body(), []
     for joint, name in own_angles(motion.angles).items():
         angle = np.asarray(motion.angles[name], dtype=float)
-        most = float(np.fmax.reduce(np.abs(angle), initial=0.0))
+        most = _largest(angle)
         if most > _MOST_OF_A_JOINT:
             raise RecordingError(
                 f"{where}: the {spoken(joint)} reaches {most:.4g} rad, allowed two whole turns:"

@@ -189,7 +189,10 @@ class _Table:
         """
         layout, names = self._layout, tuple(self._layout.points)
         if layout.time is None:
-            last = _seen(positions)
+            # The frames after the last one in which a point is seen are not counted.
+            last = len(positions)
+            while last > 1 and np.isnan(positions[last - 1]).all():
+                last -= 1
             positions, stamps = positions[:last], stamps[:last]
         keys = stamps if self._key is not None else None
         notes += self._confidence.mask_low_confidence(positions)
@@ -231,14 +234,6 @@ class _Table:
             )
         notes = [*said, *notes, *count_repeated_frames(positions)]
         return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit)
-
-
-def _seen(positions: np.ndarray) -> int:
-    """Return the number of frames up to the last in which a point is seen, at least one."""
-    count = len(positions)
-    while count > 1 and np.isnan(positions[count - 1]).all():
-        count -= 1
-    return count
 
 
 def _read_header(lines: TextLines) -> tuple[list[str], str, int]:

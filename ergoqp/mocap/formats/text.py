@@ -266,26 +266,32 @@ class GrowableArray:
         return self._all[: self._count]
 
 
-def blocks(
+def read_rows(
     lines: TextLines,
     separator: str | None,
     width: int,
+    split: Callable[[np.ndarray], Sequence[np.ndarray]],
     blanks: bool = False,
     chosen: Sequence[ChosenColumn] | None = None,
-) -> Iterator[np.ndarray]:
-    """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
+) -> list[np.ndarray]:
+    """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
 
-    Blanks at the end of a row may be left out. Empty lines are skipped. If tabs or semicolons
-    separate the columns, a comma is a decimal comma.
+    A blank is NaN. Blanks at the end of a row may be left out. Empty lines are skipped. If tabs or
+    semicolons separate the columns, a comma is a decimal comma.
 
     Args:
         lines: the file from the next line on.
         separator: separator of the numbers; None for any white space.
         width: numbers in a row.
+        split: function that returns the next rows of each array.
         blanks: whether a row of separators only is a frame in which nothing was seen.
-        chosen: the columns that are read, in the order in which they are returned, if not all are.
+        chosen: the columns that are read, in the order in which they are split, if not all are.
+
+    Raises:
+        RecordingError: if there is no row, or a row is wrong.
     """
     decimal = separator in {"\t", ";"}
+    arrays: list[GrowableArray] = []
     count = 0
     while text := lines.take(min(_BLOCK, _TOGETHER // width + 1)):
         first = lines.line - len(text) + 1
@@ -303,39 +309,11 @@ def blocks(
         if (large := np.argwhere(np.abs(values) > LARGEST)).size:
             at, column = large[0]
             value = values[at, column]
-            got = (
-                "a number that is not finite"
-                if np.isinf(value)
-                else f"{value:g}, which is too large"
-            )
+            got = f"{value:g}, which is too large"
+            if np.isinf(value):
+                got = "a number that is not finite"
             lines.fail(f"got {got}, allowed numbers up to {LARGEST:g}", rows[at][0])
-        yield values
-
-
-def read_rows(
-    lines: TextLines,
-    separator: str | None,
-    width: int,
-    split: Callable[[np.ndarray], Sequence[np.ndarray]],
-    blanks: bool = False,
-    chosen: Sequence[ChosenColumn] | None = None,
-) -> list[np.ndarray]:
-    """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
-
-    Args:
-        lines: as in `blocks`, and so are the others.
-        separator: separator of the numbers.
-        width: numbers in a row.
-        split: function that returns the next rows of each array.
-        blanks: whether a row of separators only is a frame.
-        chosen: the columns that are read.
-
-    Raises:
-        RecordingError: if there is no row, or a row is wrong.
-    """
-    arrays: list[GrowableArray] = []
-    for block in blocks(lines, separator, width, blanks, chosen):
-        parts = split(block)
+        parts = split(values)
         arrays = arrays or [GrowableArray() for _ in parts]
         for array, part in zip(arrays, parts, strict=True):
             array.add(part, lines.share)
@@ -554,7 +532,7 @@ def drop_duplicate_times(
         at = again[begin : begin + _BLOCK]
         same = np.ones(len(at), dtype=bool)
         for values in shown:
-            same &= _alike(values[at], values[at - 1])
+            same &= are_alike(values[at], values[at - 1])
         others += int((~same).sum())
     if others > _OTHERS * len(kept):
         raise RecordingError(
@@ -623,13 +601,13 @@ def count_repeated_frames(positions: np.ndarray) -> list[str]:
     for at in range(1, len(positions), _BLOCK):
         now = positions[at : at + _BLOCK]
         before = positions[at - 1 : at - 1 + len(now)]
-        count += int(_alike(now, before).sum())
+        count += int(are_alike(now, before).sum())
     if count < 0.01 * len(positions):
         return []
     return [f"{count} of {len(positions)} frames repeat the frame before."]
 
 
-def _alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
+def are_alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Return which frames (n, ...) equal others (n, ...), with NaN equal to NaN, (n,) bool."""
     same = (now == before) | (np.isnan(now) & np.isnan(before))
     return same.all(axis=tuple(range(1, same.ndim)))

@@ -38,11 +38,11 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.body import GROWTH, Marker, base_jacobian
-from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.human.body import Marker, base_jacobian
+from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
 from ergoqp.mocap.fitting.axes import first_middle
 from ergoqp.mocap.markers.rigid import brought_to, shape_of
-from ergoqp.mocap.naming import LANDMARK_SEGMENTS, RIGID, growth_of
+from ergoqp.mocap.naming import LANDMARK_SEGMENTS, RIGID, evaluated, growth_of, of_any_body
 from ergoqp.mocap.recording import JointMotion
 
 _NEARLY_ALL: Final = 0.9
@@ -117,7 +117,7 @@ def _impossible(at: Mapping[str, np.ndarray]) -> Iterator[str]:
             longer = np.maximum(right, left) - _UNLIKE * np.minimum(right, left)
             if _nearly_always(longer):
                 yield (
-                    f"{_spoken(one)} and {_spoken(other)} are {_cm(right)} apart on the right and"
+                    f"{spoken(one)} and {spoken(other)} are {_cm(right)} apart on the right and"
                     f" {_cm(left)} on the left"
                 )
     yield from _turned(at)
@@ -128,7 +128,7 @@ def _beyond(
 ) -> Iterator[str]:
     """Yield an error in words if the first of two landmarks is not nearer to a place (n, 3)."""
     if _nearly_always(_lengths(at[near] - place) - _lengths(at[far] - place)):
-        yield f"{_spoken(near)} is farther from {_spoken(origin)} than {_spoken(far)}"
+        yield f"{spoken(near)} is farther from {spoken(origin)} than {spoken(far)}"
 
 
 def _turned(at: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -142,7 +142,7 @@ def _turned(at: Mapping[str, np.ndarray]) -> Iterator[str]:
         if reference in across and all(f"{side}_{name}" in at for side in SIDES):
             apart = at[f"left_{name}"] - at[f"right_{name}"]
             if _nearly_always(-(apart * across[reference]).sum(axis=1) - most):
-                yield f"the left {_spoken(name)} is to the right of the right one"
+                yield f"the left {spoken(name)} is to the right of the right one"
     if "asis" not in across:
         return
     hips = (at["left_asis"] + at["right_asis"]) / 2
@@ -165,7 +165,7 @@ def _turned(at: Mapping[str, np.ndarray]) -> Iterator[str]:
             continue
         ahead = np.cross(across[which], up)
         if _nearly_always(((after - before) * ahead).sum(axis=1)):
-            yield f"{_spoken(front)} is behind {_spoken(behind)}"
+            yield f"{spoken(front)} is behind {spoken(behind)}"
 
 
 def _nearly_always(values: np.ndarray) -> bool:
@@ -180,10 +180,6 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 def _cm(lengths: np.ndarray) -> str:
     return f"{100 * np.nanmedian(lengths):.0f} cm"
-
-
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")
 
 
 SIZE: Final = 4 + len(JOINTS)
@@ -201,21 +197,14 @@ SEGMENTS: Final = (
 """One frame of each segment that markers may be fixed to."""
 
 
-def inputs() -> tuple[ca.SX, ca.SX]:
-    """Return symbols of pelvis and posture (36,), x, y, z [m] and angles [rad]; growth (14,)."""
-    return ca.SX.sym("z", SIZE), ca.SX.sym("growth", len(GROWTH))
-
-
-def segments(z: ca.SX, growth: ca.SX) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
+def segments(z: ca.SX, kinematics: Kinematics, yaw: ca.SX) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
     """Yield position (3,) [m], axes (3, 3) and Jacobian (6, 36) of `SEGMENTS` in the world.
 
     Args:
-        z: pelvis and posture, from `inputs`.
-        growth: growth of the body, from `inputs`.
+        z: pelvis and posture, from `of_any_body`.
+        kinematics: the body, from there.
+        yaw: its yaw, from there.
     """
-    kinematics = Kinematics(Body(), growth)
-    cos, sin = ca.cos(z[3]), ca.sin(z[3])
-    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     for frame in SEGMENTS:
         place, turn, jacobian = kinematics.at(frame, z[4:])
         own = ca.vertcat(yaw @ jacobian[:3, :], yaw @ jacobian[3:, :])
@@ -329,18 +318,16 @@ def _fit_middle(local: np.ndarray) -> tuple[np.ndarray, float]:
 
 def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rotations (n, f, 3, 3) and positions (n, f, 3) [m] of `SEGMENTS`."""
-    z, function, growth = np.hstack([pelvis, postures]), _function(), growth_of(body)
-    parts = [np.array(function(z[at : at + _BLOCK].T, growth)) for at in range(0, len(z), _BLOCK)]
-    values = np.hstack(parts).T.reshape(len(z), len(SEGMENTS), 4, 3)
+    values = evaluated(_function(), body, pelvis, postures).T.reshape(-1, len(SEGMENTS), 4, 3)
     return np.swapaxes(values[:, :, 1:], 2, 3), values[:, :, 0]
 
 
 @cache
 def _function() -> ca.Function:
     """Return a function: pelvis and posture (36,), growth (14,) -> position and axes of each."""
-    given = inputs()
-    rows = [part for place, turn, _ in segments(*given) for part in (place, ca.vec(turn))]
-    return ca.Function("frames", given, [ca.densify(ca.cse(ca.vertcat(*rows)))])
+    z, growth, body, yaw = of_any_body()
+    rows = [part for place, turn, _ in segments(z, body, yaw) for part in (place, ca.vec(turn))]
+    return ca.Function("frames", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
 
 
 _SOLVED_BLOCK: Final = 512
@@ -464,9 +451,9 @@ def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
 @cache
 def _jacobian_function() -> ca.Function:
     """Return a function: pelvis and posture, growth -> position, axes and Jacobian of segments."""
-    given = inputs()
-    rows = [ca.vec(part) for parts in segments(*given) for part in parts]
-    one = ca.Function("segments", given, [ca.densify(ca.cse(ca.vertcat(*rows)))])
+    z, growth, body, yaw = of_any_body()
+    rows = [ca.vec(part) for parts in segments(z, body, yaw) for part in parts]
+    one = ca.Function("segments", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
     return one.map(_SOLVED_BLOCK)
 
 

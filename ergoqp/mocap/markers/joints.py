@@ -20,7 +20,7 @@ import numpy as np
 from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
-from ergoqp.joints import SIDES
+from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
 from ergoqp.mocap.markers.fit import check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
@@ -90,11 +90,11 @@ class Widths:
             measures: name of a measure, in small letters -> its value [m].
         """
         half, found = 0.007, {}
-        for name, share in (("knee", 0.5), ("ankle", 0.5), ("elbow", 0.5), ("hand", 0.5)):
+        for name in ("knee", "ankle", "elbow", "hand"):
             what = "thickness" if name == "hand" else "width"
             sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
             if min(sides) > 0:
-                found[name] = share * float(np.mean(sides)) + half
+                found[name] = 0.5 * float(np.mean(sides)) + half
         sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
         if min(sides) > 0:
             found["shoulder"] = float(np.mean(sides)) + half
@@ -142,17 +142,11 @@ def roots_of(
     return hips | _shoulders(place, down, widths)
 
 
-class _Landmarks:
+class _Landmarks(dict[str, np.ndarray]):
     """Landmarks; a missing one is NaN everywhere."""
 
-    def __init__(self, at: Mapping[str, np.ndarray]) -> None:
-        self._at, self._lost = at, np.full_like(next(iter(at.values())), np.nan)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self._at.get(name, self._lost)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._at
+    def __missing__(self, name: str) -> np.ndarray:
+        return np.full_like(next(iter(self.values())), np.nan)
 
     def middle(self, name: str) -> np.ndarray:
         """Return the middle between both sides."""
@@ -372,17 +366,17 @@ def joints_of_markers(
         for name, which in landmarks.items()
         if "_wrist_" not in name or np.isfinite(motion.positions[:, list(which), 0]).any()
     }
+    sample = _at(landmarks, motion.positions[::every], unit)
     segments, said = rigid_segments(motion, landmarks, more, given, unit, every)
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
-        unplaced = _unplaced(where, _at(landmarks, motion.positions[::every], unit))
+        unplaced = _unplaced(where, sample)
         # A person file of somebody else may be the reason, so its sentence is added.
         for sentence in said:
             if "pelvis's markers are not where" in sentence:
                 unplaced += f"; t{sentence[1:-1]}"
         raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
-    sample = _at(landmarks, motion.positions[::every], unit)
     check_order(where, sample)
     links = Links(roots_of(sample, widths, size) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
@@ -512,7 +506,7 @@ def _most_first(counts: Mapping[str, int]) -> list[tuple[str, int]]:
     """Return names in words and counts, the largest first."""
     # Equal counts are sorted by name, so that the order does not depend on the blocks.
     ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
-    return [(name.replace("_", " "), count) for name, count in ordered]
+    return [(spoken(name), count) for name, count in ordered]
 
 
 def _counted(words: str, each: list[tuple[str, int]], count: int) -> list[str]:

@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, compress
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import binary_dilation
 
 from ergoqp.human.body import Marker
-from ergoqp.joints import SIDES
+from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.naming import RIGID
 from ergoqp.mocap.recording import JointMotion
 
@@ -484,9 +484,7 @@ def rigid_segments(
                 f" {1000 * both[1]:.0f} mm: those that are never seen are not placed by it."
             )
         elif both is not None:
-            names = [
-                name.replace("_", " ") for name, lacks in zip(which, lacking, strict=True) if lacks
-            ]
+            names = map(spoken, compress(which, lacking))
             said.append(
                 f"Never seen and placed as in the person file: {', '.join(names)}; the others of"
                 f" the {segment} agree with it to {1000 * both[1]:.0f} mm."

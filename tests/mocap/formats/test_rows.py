@@ -14,9 +14,9 @@ from ergoqp.mocap.formats import text
 from ergoqp.mocap.formats.text import (
     GrowableArray,
     TextLines,
-    blocks,
     cells,
     count_of,
+    read_rows,
     separator_of,
 )
 
@@ -28,8 +28,22 @@ def lines_of(content: str | bytes) -> TextLines:
     return TextLines(Path("a.csv"), io.BytesIO(raw), len(raw), unseen)
 
 
+def blocks(lines: TextLines, separator: str | None, width: int, most: float = np.inf) -> list[int]:
+    """Return the number of rows in each block that is split, of at most so many numbers."""
+    sizes: list[int] = []
+
+    def split(rows: np.ndarray) -> list[np.ndarray]:
+        assert rows.size < most
+        sizes.append(len(rows))
+        return [rows[:, 0]]
+
+    read_rows(lines, separator, width, split)
+    return sizes
+
+
 def numbers(content: str | bytes, separator: str | None = ",", width: int = 3, **how) -> np.ndarray:
-    return np.concatenate(list(blocks(lines_of(content), separator, width, **how)))
+    (values,) = read_rows(lines_of(content), separator, width, lambda rows: [rows], **how)
+    return values
 
 
 @pytest.mark.parametrize(
@@ -124,29 +138,28 @@ def test_a_line_without_end_is_not_read_whole(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(text, "_LONGEST", 1 << 20)
     lines = lines_of(b"1,2,3\n" + b"1," * (1 << 20) + b"1\n")
     with pytest.raises(RecordingError, match="line 2: got a line of more than 1 MB, allowed"):
-        list(blocks(lines, ",", 3))
+        blocks(lines, ",", 3)
     assert lines.file.tell() <= (1 << 20) + 6
 
 
 @pytest.mark.slow
 def test_rows_that_are_left_out_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(text, "_BEARABLE", 1_000_000)
-    assert sum(map(len, blocks(lines_of("1\n" * 999), ",", 1000))) == 999
-    assert sum(map(len, blocks(lines_of("1,2,3\n" * 400_000), ",", 3))) == 400_000
-    sizes = map(np.size, blocks(lines_of("1\n" * 100_000), ",", 100_000))
+    assert sum(blocks(lines_of("1\n" * 999), ",", 1000)) == 999
+    assert sum(blocks(lines_of("1,2,3\n" * 400_000), ",", 3)) == 400_000
     with pytest.raises(RecordingError, match="got rows with hardly any numbers, allowed 100000 in"):
-        assert max(sizes) < 5e6
+        blocks(lines_of("1\n" * 100_000), ",", 100_000, most=5e6)
 
 
 def test_a_block_of_long_lines_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(text, "_MOST", 100)
-    assert [len(block) for block in blocks(lines_of("1,2,3\n" * 40), ",", 3)] == [17, 17, 6]
+    assert blocks(lines_of("1,2,3\n" * 40), ",", 3) == [17, 17, 6]
 
 
 def test_progress_ends_at_one() -> None:
     told: list[float] = []
     content = b"1,2,3\n" * 9000
-    list(blocks(TextLines(Path("a"), io.BytesIO(content), len(content), told.append), ",", 3))
+    blocks(TextLines(Path("a"), io.BytesIO(content), len(content), told.append), ",", 3)
     assert told == sorted(told)
     assert told[-1] == 1.0
 
