@@ -152,7 +152,6 @@ class Rows:
 
     Example:
         >>> import casadi as ca
-    import numpy as np
         >>> from ergoqp.limits import Rows
         >>> height = ca.DM([[0, 0, 1, 0, 0, 0]])
         >>> free = ca.DM([ca.inf])
@@ -309,7 +308,6 @@ def straight_margins(
 
     Example:
         >>> import casadi as ca
-    import numpy as np
         >>> from ergoqp.limits import Rows
         >>> from ergoqp.limits.limit import straight_margins
         >>> free = ca.DM([ca.inf])

@@ -75,7 +75,7 @@ class JointMotion:
         return replace(self.mapped(lambda values: values[frames]), time=self.time[frames])
 
     def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> JointMotion:
-        """Return the motion with each array over its frames, shape (n, ...), changed; times stay."""
+        """Return the motion with each array over its frames, of any shape, changed; not the times."""
         return replace(
             self,
             positions=change(self.positions),

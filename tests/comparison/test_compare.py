@@ -90,6 +90,7 @@ def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.mark.slow
 def test_every_key_and_figure_is_documented() -> None:
     text = (Path(__file__).resolve().parents[2] / "docs" / "compare_json.md").read_text(
         encoding="utf-8"
@@ -146,6 +147,7 @@ def _module(path: Path) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 def test_without_matplotlib_everything_else_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

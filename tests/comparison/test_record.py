@@ -102,6 +102,7 @@ def test_recording_is_repeatable_and_goes_on_with_another_person() -> None:
     }
 
 
+@pytest.mark.slow
 def test_derived_qps_are_what_they_are_called() -> None:
     for part in (*recorded("screwing", 60), *recorded("forearm", 40)):
         singular, nearly, infeasible = relatives(part, 9, seed=3)
@@ -129,6 +130,7 @@ def test_derived_qps_are_what_they_are_called() -> None:
             np.testing.assert_allclose(qp.A[rows + 2], qp.A[rows] + qp.A[rows + 1])
 
 
+@pytest.mark.slow
 def test_relaxed_qps_have_no_relatives() -> None:
     relaxed = next(
         part for part in recorded("low_bin", 150) if part.sequence.name.endswith(".relaxed")
@@ -136,6 +138,7 @@ def test_relaxed_qps_have_no_relatives() -> None:
     assert relatives(relaxed, 5, 0) == []
 
 
+@pytest.mark.slow
 def test_mistakes_are_named() -> None:
     problem = load_problem("forearm")
     with pytest.raises(InputError, match="steps: got 0"):

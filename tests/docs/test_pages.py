@@ -31,6 +31,7 @@ def _marked() -> list[Any]:
     return [pytest.param(page, id=page.relative_to(ROOT).as_posix()) for page in PAGES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", _marked())
 def test_the_blocks_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -393,6 +393,7 @@ def test_the_page_names_the_worst_runs_first_and_who_is_left_without_a_rest(
     assert places == sorted(places)
 
 
+@pytest.mark.slow
 def test_a_unit_is_drawn_again_alike_and_its_start_is_as_bad_as_it_must_be() -> None:
     one, same = (drawn_unit("follower", "desk", 7) for _ in range(2))
     np.testing.assert_array_equal(one.start.posture, same.start.posture)

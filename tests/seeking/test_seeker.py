@@ -72,6 +72,7 @@ def test_the_account_is_saved_with_the_run(tmp_path) -> None:
     assert saved[0]["score"] == pytest.approx(run.tries[0].score)
 
 
+@pytest.mark.slow
 def test_at_rest_at_the_end_it_says_so() -> None:
     run = sought("stubborn", "desk", 2)
     assert run.reasons[-1] == "at rest: at the best of the places tried"

@@ -97,6 +97,7 @@ def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INSTALLED)
 def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
     qp, x = samples()[0][0]
@@ -157,6 +158,7 @@ def test_mistakes_are_named(arguments: tuple, said: str) -> None:
     assert said in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_wrong_shape_is_named() -> None:
     qp, _ = samples()[0][0]
     with pytest.raises(InputError, match=r"A: got shape \(3, 6\), allowed \(17, 6\)"):
