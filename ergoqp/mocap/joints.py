@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -12,17 +12,7 @@ from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
-from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
 from ergoqp.mocap.formats.text import some
-from ergoqp.mocap.markers.fit import has_gaps
-from ergoqp.mocap.markers.joints import (
-    Astray,
-    astray_said,
-    joints_of_markers,
-    off_origin,
-    unit_of_markers,
-)
-from ergoqp.mocap.markers.rigid import follow, shape_of
 from ergoqp.mocap.naming import (
     LANDMARKS,
     RIGID,
@@ -38,6 +28,9 @@ from ergoqp.mocap.naming import (
 )
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.mocap.unseen import oriented, shoulders_of
+
+if TYPE_CHECKING:
+    from ergoqp.mocap.markers.joints import Astray
 
 _LEAST: Final = 6
 """Least number of joints or markers of a person."""
@@ -146,6 +139,9 @@ def _pose_of(points: np.ndarray) -> np.ndarray | None:
     extent = np.fmax.reduce(sample, axis=1) - np.fmin.reduce(sample, axis=1)
     size = float(np.median(extent.max(axis=1)))
     scale = _SIZE / size if size > 0 else 1.0
+    # Only things need it.
+    from ergoqp.mocap.markers.rigid import follow, shape_of
+
     shape = shape_of(scale * sample)
     if shape is None:
         return None
@@ -249,6 +245,9 @@ def joints_of(
     """
     ready = bool(motion.angles) and not motion.names
     if ready:
+        # Only ready angles need it.
+        from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
+
         place = placed_by_angles if own_angles(motion.angles) else posed
         motion = place(motion, where, reading.body)
     naming, unit = reading.naming, reading.unit
@@ -282,6 +281,9 @@ def _of_markers(
     progress: Progress,
 ) -> Found:
     """Return the joint centres of one person from markers, as `_landmarks` found them."""
+    # A skeleton needs nothing of markers.
+    from ergoqp.mocap.markers.joints import joints_of_markers, off_origin, unit_of_markers
+
     landmarks, further, title = skin
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
     # A joint centre may be at the file's origin, but a marker at the origin was not seen.
@@ -337,6 +339,9 @@ def _with_known(
 
 def _lacking(motion: JointMotion, used: Mapping[str, str], astray: Astray) -> JointMotion | None:
     """Return the markers without those left out; None if none is left out and none is lost."""
+    from ergoqp.mocap.markers.fit import has_gaps
+    from ergoqp.mocap.markers.joints import astray_said
+
     if not astray:
         return motion if has_gaps(motion, used) else None
     positions = motion.positions.copy()
