@@ -75,7 +75,7 @@ class JointMotion:
         return replace(self.mapped(lambda values: values[frames]), time=self.time[frames])
 
     def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> JointMotion:
-        """Return the motion with each array over its frames, of any shape, changed; not the times."""
+        """Return the motion with its arrays over the frames, of any shape, changed; not times."""
         return replace(
             self,
             positions=change(self.positions),
