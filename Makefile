@@ -5,7 +5,7 @@
 #   make check   style, formatting, types, which part imports which
 #   make docs    the site, from docs/ into out/site/; warnings are errors
 #   make bench   the benchmarks' quick samples
-#   make mutants whether the tests notice mistakes: about an hour
+#   make mutants whether the tests notice mistakes: about two hours on two cores
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo

@@ -84,6 +84,7 @@ def test_a_problem_file_names_limit_cost_and_response(problem):
     assert problem.response.weight_vector[trunk] == 20.0 > plain.weight_vector[trunk]
 
 
+@pytest.mark.slow
 def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
     q = (
         np.asarray(problem.response.comfort)

@@ -93,6 +93,7 @@ def test_an_ending_has_no_case(installed, tmp_path):
         load_recording(tmp_path / "take.centres")
 
 
+@pytest.mark.slow
 def test_terms_of_other_names_leave_the_step_alone(installed):
     installed("theirs", "solver", "highs", "json:loads")
     assert ergoqp.Stepper(ergoqp.load_problem("screwing")).dt > 0

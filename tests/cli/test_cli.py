@@ -251,6 +251,7 @@ class TestRun:
 
 
 class TestScore:
+    @pytest.mark.slow
     def test_files_and_table(self, ergoqp, demo, tmp_path):
         outcome = ergoqp(
             "score", demo, "--load-kg", "6", "--coupling", "1", "--arm-supported", "both"
@@ -322,6 +323,7 @@ class TestScore:
         assert summary["frames"] == 121
         assert any("although the head" in each for each in summary["assumptions"])
 
+    @pytest.mark.slow
     def test_the_upper_arm_can_be_scored_by_its_elevation(self, ergoqp, demo, tmp_path):
         assert ergoqp("score", demo, "--upper-arm", "elevation", "--out", "by").status == 0
         summary = json.loads((tmp_path / "by" / "scores.json").read_text(encoding="utf-8"))

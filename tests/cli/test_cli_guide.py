@@ -48,6 +48,7 @@ def test_the_best_place_is_looked_for(ergoqp, tmp_path):
     assert json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))["guide"]["promise"] < 2
 
 
+@pytest.mark.slow
 def test_mistakes(ergoqp, tmp_path, optimum):
     _, folder = optimum
     remedy = "give best or an optimum.json of `ergoqp optimise`"

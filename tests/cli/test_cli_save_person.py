@@ -56,6 +56,7 @@ def test_a_problem_of_that_person(ergoqp, takes, tmp_path):
     assert body.stature == pytest.approx(BODY.stature, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_recording_without_markers_tells_lengths(ergoqp, demo, tmp_path):
     outcome = ergoqp("score", demo, "--save-person", tmp_path / "me.toml")
     assert outcome.status == 0

@@ -64,6 +64,7 @@ def predicted_by_the_book(cost, point):
     return value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["per_score", "joint"])
 def test_prediction_equals_dense_normal_densities(costs, unseen, variant):
     cost = costs[variant]

@@ -100,6 +100,7 @@ def test_it_finds_steps_that_nobody_told_it(stairs):
     assert abs(line[np.argmax(along > 2.5)] - 0.3) < 0.01
 
 
+@pytest.mark.slow
 def test_few_data_are_not_learned_by_heart():
     data = posture_data(50, cache=False)
     unseen = posture_data(100, seed=1, cache=False)

@@ -82,6 +82,7 @@ def test_same_seed_same_groups():
     assert (one != three).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["rbf", "poly"])
 def test_an_estimator_of_scikit_learn_can_be_reduced(kernel, tmp_path):
     rng = np.random.default_rng(0)

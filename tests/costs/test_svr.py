@@ -35,6 +35,7 @@ def cost(request, data):
     return Svr.fit(data, features=request.param)
 
 
+@pytest.mark.slow
 def test_predicts_what_scikit_learn_predicts(cost, data):
     points = sheet_data(10, 1).points
     estimator = svm.SVR(C=3.0, epsilon=0.3, gamma=3.0)

@@ -429,6 +429,7 @@ def test_daqp_is_built_from_the_sources_that_are_named(exported, tmp_path):
     assert "without the include/types.h of DAQP 0.5, allowed the folder of its sources" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["desk", "dentist", "forearm", "overhead", "screwing"])
 def test_the_example_begins_where_the_step_makes_the_cost_fall(name):
     problem = ergoqp.load_problem(name)

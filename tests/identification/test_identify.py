@@ -95,6 +95,7 @@ def test_half_of_what_is_read_too_much_everywhere_is_taken_for_a_habit() -> None
     assert 0.4 < np.mean(added) / bias < 0.65
 
 
+@pytest.mark.slow
 def test_a_joint_that_was_not_seen_is_as_unsure_as_can_be() -> None:
     problem, rests, _ = rests_of_kind("follower", "dentist", 1)
     hidden = identified("follower", "dentist", 1).joints[4]
@@ -116,6 +117,7 @@ def test_the_person_is_a_response_and_a_body() -> None:
     assert step.status in ("optimal", "settled", "relaxed", "recovering")
 
 
+@pytest.mark.slow
 def test_what_rests_do_not_say_stays_wide() -> None:
     person = identified("alike", "screwing", 1)
     comfort = person.comfort_deg
@@ -134,6 +136,7 @@ def test_joints_that_are_not_seen_do_not_count() -> None:
     assert off_deg(ergoqp.identify(problem, hidden), unseen) < 4.0
 
 
+@pytest.mark.slow
 def test_a_rest_that_fits_nobody_counts_little() -> None:
     problem, rests, unseen = rests_of_kind("alike", "desk", 1)
     odd = rests[0][0].copy()

@@ -50,6 +50,7 @@ def test_it_rests_where_a_person_settles(name: str) -> None:
     assert max(apart) < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["desk", "screwing"])
 def test_slopes_are_those_of_the_rests_themselves(name: str) -> None:
     model = model_of(name)

@@ -75,6 +75,7 @@ def test_the_group_rests_at_its_place_as_told(low_bin, mean):
     assert mean.mean == pytest.approx(np.mean(scores))
 
 
+@pytest.mark.slow
 def test_the_place_is_in_the_workspace(low_bin, mean):
     box, cone = low_bin.limit_of(WorkspaceBox), low_bin.limit_of(AxisCone)
     assert (mean.pose[:3, 3] >= np.array(box.lower) - 1e-9).all()

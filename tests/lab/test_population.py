@@ -17,6 +17,7 @@ def screwing():
     return load_problem("screwing")
 
 
+@pytest.mark.slow
 def test_every_combination_once_with_its_label(screwing):
     found = dict(population(screwing, (1.5, 1.9), ("right", "both"), (0.5, 6.0)))
     assert list(found) == [

@@ -221,6 +221,7 @@ def test_the_half_space_is_that_of_where_the_object_is_and_not_where_it_lands() 
     np.testing.assert_allclose(row, [*(away / np.linalg.norm(away)), 0, 0, 0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
     problem = bold(problem_of("screwing"))
     comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]

@@ -196,6 +196,7 @@ def test_these_are_all_figures_of_the_checker() -> None:
     assert found == set(FIGURES)
 
 
+@pytest.mark.slow
 def test_the_guide_is_not_a_place_behind_the_wall() -> None:
     pose = held_pose("screwing")
     Stepper(walled(pose[0, 3] - 0.01), guide=pose)

@@ -121,6 +121,7 @@ def kept_free(plan: Plan, dt: float, twist: np.ndarray, climbs: bool = True) -> 
     return [part + np.maximum(sign * law, 0) for part, sign in zip(under_way, (1, -1), strict=True)]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=150)
 def test_with_the_mean_a_stop_goes_no_further_than_what_is_under_way_and_the_law(seed: int) -> None:

@@ -174,6 +174,7 @@ NESTED = [Ball((0.5, 0.5, 0.5), 0.2), Ball((0.6, 0.5, 0.5), 0.05)]
 FLOOR = [HalfSpace((0.0, 0.0, 1.0), 0.2), Box((0.3, 0.3, 0.0), (0.7, 0.7, 0.6))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("regions", "place", "length"),
     [

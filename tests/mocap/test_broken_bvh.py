@@ -248,6 +248,7 @@ PIECES = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @settings(
     deadline=1000, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

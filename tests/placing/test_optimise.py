@@ -31,6 +31,7 @@ def with_limit(problem, limit):
 
 
 class TestBest:
+    @pytest.mark.slow
     def test_better_and_optimal(self, best):
         assert best.reba_after < best.reba_before
         assert best.kkt_residual <= 1e-6
@@ -100,6 +101,7 @@ class TestBest:
 
 
 class TestLimits:
+    @pytest.mark.slow
     def test_object_that_only_rises_keeps_its_other_axes(self, problem, best):
         lift = with_limit(problem, TwistLimit(axes=("z",)))
         found = optimise(lift, best.posture_before, starts=2)
@@ -146,6 +148,7 @@ class TestMistakes:
         with pytest.raises(InputError, match=words):
             optimise(problem, **wrong)
 
+    @pytest.mark.slow
     def test_nothing_in_reach(self, problem, best):
         # Not so far that nobody could reach it: that is refused when the problem is made.
         far = with_limit(problem, WorkspaceBox((1.6, -0.2, 0.2), (1.7, 0.2, 0.3)))

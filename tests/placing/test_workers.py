@@ -62,6 +62,7 @@ def test_same_in_two_processes(problem, alone):
     assert told == pytest.approx([1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1.0])
 
 
+@pytest.mark.slow
 def test_another_seed_begins_elsewhere(problem, alone):
     other = optimise(problem, alone.posture_before, starts=6, seed=4, pose=alone.pose_before)
     assert any(

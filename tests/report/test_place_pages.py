@@ -41,6 +41,7 @@ SECTIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["optimum", "group"])
 @pytest.mark.parametrize("width", [390, 1000])
 def test_page_in_a_browser(browser, place_pages, name, width):

@@ -156,6 +156,7 @@ def test_a_thought_that_goes_wrong_ends_at_what_was_measured(monkeypatch, caplog
     assert {each.name for each in run.tries} <= {"descent", "model"}
 
 
+@pytest.mark.slow
 def test_mistakes_are_one_sentence() -> None:
     problem = ergoqp.load_problem("desk")
     with pytest.raises(InputError, match="guide: got one"):
@@ -194,6 +195,7 @@ def test_without_places_it_descends_and_still_thinks() -> None:
     assert any(step.twist.any() for step in steps_of(Seeker(problem, thinks=False), posture, 50))
 
 
+@pytest.mark.slow
 def test_a_period_that_is_none_is_no_time() -> None:
     problem, _, posture = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], thinks=False)

@@ -99,6 +99,7 @@ def test_every_field_is_filled(problem, run):
     assert run.recording is None
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_the_true_postures(problem, run, start):
     np.testing.assert_array_equal(run.reba, problem.assess(run.postures).final)
     np.testing.assert_array_equal(run.assessment.final, run.reba[[0, -1]])

@@ -124,6 +124,7 @@ def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_warm_start_saves_iterations_along_a_trajectory() -> None:
     sequence = next(part.sequence for part in recordings() if part.sequence.name == "dentist.0")
     counts = {}

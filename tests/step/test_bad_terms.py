@@ -219,6 +219,7 @@ def test_nan_of_a_limit_brakes_and_is_named(where: str, solver: str) -> None:
         assert {step.reason for _, step in steps} == {"", named}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["readings", "to_lower"])
 @pytest.mark.parametrize("linear", [False, True])
 def test_nan_of_a_limit_of_the_posture_is_named(linear: bool, where: str) -> None:

@@ -112,6 +112,7 @@ def test_what_counts_is_the_distance_and_the_angle_together(
     np.testing.assert_allclose(after[4:], [distance, np.radians(degrees)], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_millimetres_are_no_pose() -> None:
     stepper, posture = stepper_of(), at_work(problem_of())
     stepper.reset()

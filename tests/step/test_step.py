@@ -528,6 +528,7 @@ class Liar:
         return ca.Function("liar", list(given.values()), [given["ubx"], ca.SX(m, 1), ca.SX(n, 1)])
 
 
+@pytest.mark.slow
 def test_an_answer_that_does_not_solve_the_qp_is_not_sent() -> None:
     problem, twist = plain_of("screwing"), np.array([0.06, 0, 0, 0, 0, 0])
     stepper = Stepper(problem)
@@ -879,6 +880,7 @@ def test_a_log_holds_the_periods_that_a_robot_has_ramped_down_by_itself_too() ->
     assert [step.reason for step in steps] == [step.reason for step in replayed]
 
 
+@pytest.mark.slow
 def test_a_log_that_raises_is_named_and_tried_again() -> None:
     kept: list[dict[str, Any]] = []
 
@@ -1206,6 +1208,7 @@ def test_in_the_middle_of_the_cone_its_row_does_not_hold_the_object_back() -> No
     assert "tool axis" not in stepper_of("screwing").step(q, held_pose("screwing")).active
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("average", [0.0, 0.05])
 @pytest.mark.parametrize("unrolled", [False, True])
 @pytest.mark.parametrize(

@@ -409,6 +409,7 @@ def reasons_of_a_lie(share: float, offset: float, dt: float) -> list[str]:
     return reasons
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, -1.0, 3.0])
 def test_a_sample_over_a_period_that_is_too_long_shows_nothing(share: float) -> None:
     """Its noise over that time exceeds a fault; the same lie at the usual period is named."""

@@ -120,6 +120,7 @@ def test_an_object_inside_stays_inside_whatever_the_person_does(
             pose, previous = moved(pose, step.twist * dt), step.twist
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_jerk_of_what_is_sent_is_bounded_in_periods_of_any_length(name: str) -> None:
     """At full speed into walls and cones, with lost frames, stops and starts: never above 2 a / W,

@@ -44,6 +44,7 @@ def test_a_robot_as_declared_that_turns_on_and_on_is_no_fault(
         assert turn_about(stepper, kind, 12.0, np.random.default_rng(seed), False) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("declared", "seed"),
     [

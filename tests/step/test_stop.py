@@ -28,6 +28,7 @@ def moving(average: float | None, log: list | None = None) -> ergoqp.Stepper:
     return stepper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("average", [None, 0.0, 0.1])
 def test_it_is_what_brake_returns_until_the_object_stands(average: float | None) -> None:
     stepper = moving(average)

@@ -51,6 +51,7 @@ def test_the_largest_number_of_iterations_is_that_of_every_form() -> None:
     assert f"settings.iter_limit = {ITERATIONS};" in c_text("qp_daqp.h")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guided", [False, True])
 def test_the_form_that_is_timed_takes_every_branch(guided: bool) -> None:
     """Three QPs, each with slack, where a plain step solves one without."""

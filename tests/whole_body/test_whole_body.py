@@ -249,6 +249,7 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(ergoqp.load_problem("forearm"))
 
 
+@pytest.mark.slow
 def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     problem = ergoqp.load_problem("screwing")
     rng, posture = np.random.default_rng(0), problem.response.comfort + 0.1

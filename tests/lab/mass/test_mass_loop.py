@@ -57,6 +57,7 @@ def test_a_robot_that_a_problem_declares_stands_before_the_soft_one() -> None:
     assert with_own_robot(own, mass, RobotKind(lag=0.1), 0)[1] == RobotKind(lag=0.1)
 
 
+@pytest.mark.slow
 def test_a_task_that_says_too_little_is_named() -> None:
     forearm = load_problem("forearm")
     with pytest.raises(InputError, match="allowed IkResponse"):

@@ -209,6 +209,7 @@ def test_a_take_is_worse_without_the_shapes_of_a_person_file(calibrated: Path) -
     assert 1.0 < worst(read(places)) < OFF
 
 
+@pytest.mark.slow
 def test_the_person_file_of_somebody_else_is_not_used(tmp_path: Path, calibrated: Path) -> None:
     markers = person_with_markers(calibrated)[1]
     x, y, z = markers["RPSI"].offset

@@ -21,6 +21,7 @@ SHORT = slice(300, 480)
 """The end of the walk and most of the stoop."""
 
 
+@pytest.mark.slow
 def test_names_in_any_order() -> None:
     order = np.random.default_rng(1).permutation(len(NAMES))
     recording = read(PLACES[:, order], tuple(NAMES[i] for i in order))

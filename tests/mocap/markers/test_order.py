@@ -83,6 +83,7 @@ def test_for_half_of_the_take_it_is_not_said_here(names: str) -> None:
     check_order("a", {mark: places[:, at(name)[0]] for mark, name in landmarks.items()})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["RKNE", "RWRA", "RTHI", "RTOE"])
 def test_what_comes_off_early_is_no_wrong_name(name: str) -> None:
     read(fallen(name, 180))

@@ -66,6 +66,7 @@ def test_a_take_is_as_if_they_were_lost(name: str, rows: slice) -> None:
     assert worst(found) < OFF
 
 
+@pytest.mark.slow
 def test_of_a_file_too(tmp_path: Path) -> None:
     places = PLACES.copy()
     places[100:200, at("LWRA")] = 0.0
