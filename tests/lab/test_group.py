@@ -85,11 +85,13 @@ def test_the_place_is_in_the_workspace(low_bin, mean):
     assert np.allclose(mean.pose[:3, :3].T @ mean.pose[:3, :3], np.eye(3))
 
 
+@pytest.mark.slow
 def test_between_the_places_is_never_worse_than_on_them(mean):
     reached = mean.grid.scores[:, mean.grid.reached_by_all]
     assert mean.mean <= reached.mean(axis=0).min()
 
 
+@pytest.mark.slow
 def test_nobody_is_better_off_than_alone(mean):
     assert all(member.pays >= 0 for member in mean.members)
     assert mean.own_mean <= mean.mean
@@ -288,6 +290,7 @@ def test_a_workspace_is_needed(low_bin):
         best_for_group(bare, (1.7,))
 
 
+@pytest.mark.slow
 def test_the_files(mean, tmp_path):
     summary = json.loads(mean.save(tmp_path / "out").read_text(encoding="utf-8"))
     assert summary["mean"] == pytest.approx(mean.mean)
@@ -301,6 +304,7 @@ def test_the_files(mean, tmp_path):
         assert arrays["labels"].tolist() == ["1.50 m", "1.70 m", "2.00 m"]
 
 
+@pytest.mark.slow
 def test_every_key_array_and_column_is_documented(mean, tmp_path):
     text = (Path(__file__).resolve().parents[2] / "docs" / "group_json.md").read_text(
         encoding="utf-8"

@@ -10,6 +10,7 @@ from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 
 
+@pytest.mark.slow
 def test_held_it_comes_to_rest_and_says_so() -> None:
     stepper = Stepper(problem_of("screwing"))
     posture = near_comfort("screwing", np.random.default_rng(0), 20)
