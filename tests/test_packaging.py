@@ -134,6 +134,7 @@ def test_wheel_works_elsewhere(installed, tmp_path):
     assert (name, size) == ("screwing", "36")
 
 
+@pytest.mark.slow
 def test_command_of_the_wheel(installed, tmp_path):
     command = installed.parent / "ergoqp"
     assert call(command, "--version", cwd=tmp_path) == f"ergoqp {ergoqp.__version__}\n"

@@ -90,6 +90,7 @@ def moved(angles: list[tuple[float, float, float]], elbow: float, count: int = 1
     return postures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elbow", [3.0, 30.0, 90.0])
 @pytest.mark.parametrize("name", SHOULDERS)
 @pytest.mark.parametrize("noise", [0.0, 0.003])

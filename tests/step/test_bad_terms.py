@@ -192,6 +192,7 @@ FORWARD = np.r_[-3.0, np.zeros(31)]
 """The cost draws the object along x."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "solver"),
     [
@@ -234,6 +235,7 @@ def test_nan_of_a_limit_of_the_posture_is_named(linear: bool, where: str) -> Non
     assert step.reason == "limits: got NaN in rows or margins of lean, allowed numbers"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "bad", "reason", "solver"),
     [

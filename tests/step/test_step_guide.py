@@ -81,6 +81,7 @@ def test_without_a_place_it_is_the_same_step_to_the_last_bit(name: str) -> None:
         assert (plain.status, plain.reason) == (led.status, led.reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dentist", "low_bin", "overhead", "screwing"])
 def test_a_journey_arrives_and_only_then_descends(name: str) -> None:
     stepper, q = guided_stepper(name), comfort_of(name)

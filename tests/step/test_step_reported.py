@@ -50,6 +50,7 @@ def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: Robo
     assert nearest > -0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [2.0, -0.5, 0.3, None])
 def test_nothing_that_is_reported_leads_anywhere_else_than_what_was_sent(
     share: float | None,

@@ -104,6 +104,7 @@ def test_a_hold_of_a_lagging_robot_that_is_declared_is_no_fault() -> None:
         list(sim.execute(step.twist, dt))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("by", ["pose", "twist", "a twist now and then"])
 def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, by: str) -> None:

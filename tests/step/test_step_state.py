@@ -106,6 +106,7 @@ def test_the_caller_may_write_to_it() -> None:
     np.testing.assert_array_equal(stepper.frame[0], posture)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

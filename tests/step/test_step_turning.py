@@ -66,6 +66,7 @@ def test_a_robot_that_is_late_and_does_half_as_much_again_is_no_fault_where_that
     assert turn_about(stepper, kind, 6.5, np.random.default_rng(seed), False) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("declared", "true"),
     [
