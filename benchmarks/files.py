@@ -86,6 +86,7 @@ def _incomplete(message: str, path: Path) -> str:
             r"\b(allowed|required|usual|give|needed|stands?|expected|starts?|ends?|comes?|must|only"
             r"|state)\b",
             line,
+            re.IGNORECASE,
         )
         if not (where and got and allowed):
             return f"incomplete: {line}"[:300]

@@ -226,9 +226,7 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(problem, tool_frame="flange")
     with pytest.raises(InputError, match=r"posture: got \[.*, allowed 32 finite numbers"):
         WholeBody(problem, posture=[0.0])
-    with pytest.raises(
-        InputError, match=r"posture: got an array of shape \(3,\), allowed 32 finite numbers"
-    ):
+    with pytest.raises(InputError, match=r"posture: got array\(.*, allowed 32 finite numbers"):
         WholeBody(problem, posture=np.zeros(3))
     for size in ((0, 0, 0), 3, (0.1, np.nan, 0.1)):
         with pytest.raises(
