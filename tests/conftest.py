@@ -1,8 +1,10 @@
 """What all tests share."""
 
 import os
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,6 +25,33 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     spent = sum(os.times()[:4]) - begun
     if spent > BUDGET and item.get_closest_marker("slow") is None:
         pytest.fail(f"took {spent:.1f} s of CPU: mark it as slow", pytrace=False)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def steps_of_a_file_are_built_once() -> Iterator[None]:
+    """Share the step function, which has no state, among the steppers of equal problems in a file.
+
+    Building takes most of the time of a short test. Every file builds its own, so that what a test
+    runs is known by its file.
+    """
+    from ergoqp.step import stepper
+
+    build, built = stepper.step_function, {}
+
+    def once(problem: Any, solver: Any = "daqp", compiled: Any = False, **options: Any) -> Any:
+        try:
+            key = pickle.dumps((problem, options)) if (solver, compiled) == ("daqp", False) else b""
+        except Exception:  # a term that a test defines within itself
+            key = b""
+        if not key:
+            return build(problem, solver, compiled, **options)
+        if key not in built:
+            built[key] = build(problem, **options)
+        return built[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stepper, "step_function", once)
+        yield
 
 
 @pytest.fixture(scope="session")
