@@ -9,10 +9,8 @@ that ergoqp itself has, is refused when it is used.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterable
-from functools import lru_cache
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
@@ -60,7 +58,7 @@ GROUPS: Final = {
 
 def registered(kind: str) -> tuple[str, ...]:
     """Return the names of all terms of a kind that installed packages register."""
-    return tuple(sorted({_name(kind, each) for each in _points(kind)}))
+    return tuple(sorted({_name(kind, each) for each in entry_points(group=GROUPS[kind])}))
 
 
 def check_free(kind: str, names: Iterable[str]) -> None:
@@ -102,20 +100,7 @@ def own_term(kind: str, name: str) -> Any:
 
 
 def _found(kind: str, name: str) -> list[EntryPoint]:
-    return [each for each in _points(kind) if _name(kind, each) == name]
-
-
-def _points(kind: str) -> EntryPoints:
-    """Return the entry points of a kind; they are read again once a folder of the path changed."""
-    places = [place or "." for place in sys.path]
-    changed = (os.stat(place).st_mtime_ns if os.path.exists(place) else 0 for place in places)
-    return _all_points(tuple(zip(places, changed, strict=True))).select(group=GROUPS[kind])
-
-
-@lru_cache(maxsize=1)
-def _all_points(path: tuple[tuple[str, int], ...]) -> EntryPoints:
-    """Read the entry points of everything on a path, which takes 10 ms."""
-    return entry_points()
+    return [each for each in entry_points(group=GROUPS[kind]) if _name(kind, each) == name]
 
 
 def _name(kind: str, point: EntryPoint) -> str:
