@@ -116,7 +116,7 @@ CHEAP: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "DeclaredRobot": (DeclaredRobot, {}),
     "Frames": (Frames, {}),
     "RobotKind": (RobotKind, {}),
-    "Senses": (SensorModel, {}),
+    "SensorModel": (SensorModel, {}),
     "Body": (Body, {}),
     "Body.of_stature": (Body.of_stature, {"stature": 1.7}),
     "Body.of_lengths": (Body.of_lengths, {"lengths": {"upper_arm": 0.3}}),

@@ -142,7 +142,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
     "Simulation": (
         "ergoqp.simulate",
         "ergoqp.simulation.run.Run",
-        "ergoqp.simulation.people.KINDS",
+        "ergoqp.simulation.people.kinds",
         "ergoqp.simulation.people.person_of_kind",
         "ergoqp.rest.person_protocol.Person",
         "ergoqp.rest.person_protocol.Holding",

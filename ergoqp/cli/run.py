@@ -43,7 +43,7 @@ from ergoqp.rest.model_person import person_of
 from ergoqp.rest.person_protocol import Holding, SensorModel
 from ergoqp.seeking.next_place import Place
 from ergoqp.simulation.loop import check_numbers
-from ergoqp.simulation.people import KINDS, person_of_kind
+from ergoqp.simulation.people import kinds, person_of_kind
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.guide import Guide, read_guide
@@ -115,7 +115,7 @@ class Simulated:
         """
         self.robot_kind()
         self.senses(SensorModel())
-        check_word("--follower", self.follower, KINDS)
+        check_word("--follower", self.follower, kinds())
 
     def robot_kind(self) -> RobotKind | None:
         """Return the robot that is asked for; None: as declared."""

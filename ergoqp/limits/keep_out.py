@@ -125,7 +125,7 @@ class Ball:
     """
 
     centre: _Point
-    radius: Annotated[float, Range(0.0, _LARGEST, "m", (0.005, 5.0))]
+    radius: Annotated[float, Range(1e-9, _LARGEST, "m", (0.005, 5.0))]
 
     def __post_init__(self) -> None:
         """Check the numbers."""

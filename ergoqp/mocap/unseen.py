@@ -1,7 +1,7 @@
 """Points that a file does not give: from the orientations of segments, and shoulders from elbows.
 
 Points from the orientations of segments, such as the nose and the thumb. In a skeleton whose axes
-are known (`ergoqp.mocap.namings.toml`, ``turned``) they determine the turn of the head, the hands
+are known (``namings.toml``, ``turned``) they determine the turn of the head, the hands
 and the forearms. If the axes are unknown, the head is assumed to face ahead of the trunk in the
 median over the recording.
 

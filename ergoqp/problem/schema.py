@@ -331,16 +331,19 @@ LIMITS: Final[dict[str, Callable[..., Any]]] = {
 }
 """Limits by the names of their tables; the keys of a table are the arguments."""
 
+_FIXED: Final = ("tolerance", "recovery_time")
+"""What the checker and the reasons count with too: a file cannot change it."""
+
 LimitsTable: Any = _tables(
     "LimitsTable",
     Table,
     twist=table_of("twist", TwistLimit, ["aside"]),
     joints=table_of("joints", JointLimit),
-    workspace=table_of("workspace", WorkspaceBox),
-    tool_axis=table_of("tool_axis", AxisCone),
+    workspace=table_of("workspace", WorkspaceBox, _FIXED),
+    tool_axis=table_of("tool_axis", AxisCone, _FIXED),
     point_speed=table_of("point_speed", point_speed),
     keep_out=Annotated[list[KeepOutTable], BeforeValidator(as_list), AfterValidator(_named)],
-    arm_length=table_of("arm_length", ArmLength, ["name"]),
+    arm_length=table_of("arm_length", ArmLength, ["name", *_FIXED]),
     one_class_boundary=table_of("boundary", OneClassBoundary, ["name"], model=str),
 )
 """All limits, each at most once, except that several `keep_out` are allowed."""

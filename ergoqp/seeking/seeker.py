@@ -184,7 +184,7 @@ class Seeker:
             )
         if "guide" in terms:
             raise InputError("guide: got one, allowed only as one of the places to be tried")
-        check_kind("how", how, (SeekOptions, type(None)), "Seeking or None")
+        check_kind("how", how, (SeekOptions, type(None)), "SeekOptions or None")
         known = [_read_place(problem, place) for place in as_tuple("places", places)]
         thinks = thinks and can_think(problem)
         # A stepper can change its guide only if it is made with one.

@@ -61,7 +61,7 @@ class Run:
             at the end.
         guide: the place that guided the control step, None without one.
         tries: the places that a loop with `seek` tried, and the scores that it measured there.
-        follower: kind of the person, one of `ergoqp.simulation.people.KINDS`.
+        follower: kind of the person, one of `ergoqp.simulation.people.kinds`.
         forces: forces of the object on the hands, at the contact frame, world-aligned, shape
             (n, 6) [N, N m]; not finite for people without mass.
         slips: number of times that a hand slipped on the object.

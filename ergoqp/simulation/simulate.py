@@ -35,7 +35,7 @@ from ergoqp.simulation.loop import (
     settle_time,
     with_own_robot,
 )
-from ergoqp.simulation.people import KINDS, person_of_kind
+from ergoqp.simulation.people import kinds, person_of_kind
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.step.guide import read_guide
@@ -71,7 +71,7 @@ def simulate(
         duration: duration of the loop [s].
         seed: seed of the person, of noise and of lost frames.
         person: who follows, or their body; None: drawn with the seed.
-        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`;
+        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.kinds`;
             None: ``"alike"``.
         observed: (32,) bool, False for joints that the controller does not see; None: all are
             seen.
@@ -110,7 +110,7 @@ def simulate(
     for what, value, kind, allowed in (
         ("person", person, (Person, Body, none), "a Person, a Body or None"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
-        ("senses", senses, (SensorModel, none), "Senses or None"),
+        ("senses", senses, (SensorModel, none), "SensorModel or None"),
         ("recording", recording, (str, Path, none), "the name of a recording or None"),
     ):
         check_kind(what, value, kind, allowed)
@@ -121,7 +121,7 @@ def simulate(
     model = person_of(problem)
     seen = read_observed(observed)
     if follower is not None:
-        check_word("follower", follower, KINDS)
+        check_word("follower", follower, kinds())
     if isinstance(posture, Holding):
         for what, value in (("person", person), ("follower", follower), ("senses", senses)):
             if value is not None:

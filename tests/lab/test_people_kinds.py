@@ -22,10 +22,10 @@ from ergoqp.lab.yardstick import Workspace
 from ergoqp.problem.geometry import pose_error, straight, turned
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.person_protocol import LET_GO, SensorModel
-from ergoqp.simulation.people import KINDS, person_of_kind
+from ergoqp.simulation.people import kinds, person_of_kind
 from ergoqp.simulation.simulate import simulate
 
-SOFT = tuple(kind for kind in KINDS if kind not in ("alike", "mass"))
+SOFT = tuple(kind for kind in kinds() if kind not in ("alike", "mass"))
 
 
 def soft(kind: str, problem: str = "screwing", seed: int = 3) -> SoftPerson:
@@ -79,29 +79,31 @@ def test_at_rest_hands_hold_soles_stand_and_joints_are_within_their_ranges(
 
 
 def test_no_code_is_shared_with_the_controllers_responses() -> None:
-    """Data of a problem's response may be read; what computes with it may not.
-
-    Only `alike` is the controller's model with other numbers, and says so.
-    """
-    folder = Path(ergoqp.__file__).parent / "simulation" / "people"
-    allowed = {"ergoqp.responses.ik.IkResponse"}
-    seen = set()
-    for path in folder.rglob("*.py"):
-        if path.name in ("alike.py", "reach_and_relax.py"):
-            continue
+    """Data of a problem's response may be read; what computes with it may not."""
+    lab = Path(ergoqp.__file__).parent / "lab"
+    files = [path for room in ("people", "mass") for path in (lab / room).rglob("*.py")]
+    assert len(files) >= 9
+    seen, taken = set(), set()
+    for path in files:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
-                "ergoqp.responses"
+                ("ergoqp.responses", "ergoqp.rest.model_person", "ergoqp.rest.best_place")
             ):
                 seen |= {f"{node.module}.{name.name}" for name in node.names}
             if isinstance(node, ast.Import):
-                seen |= {name.name for name in node.names if "ergoqp.responses" in name.name}
+                seen |= {name.name for name in node.names if "ergoqp.re" in name.name}
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                assert "response" not in ast.unparse(node.func), (path, node.lineno)
-            # Nor under another name: only `Work.of` takes hold of it, and reads what it says.
+                called = ast.unparse(node.func)
+                assert "response" not in called, (path, node.lineno)
+                assert not called.startswith("said."), (path, node.lineno)
+            # Nor under another name: who takes hold of it reads what it says of the task.
             if isinstance(node, ast.Attribute) and node.attr == "response":
-                assert path.name == "grasp.py", (path, node.lineno)
-    assert seen <= allowed
+                taken.add(path.name)
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "person_of":
+                taken.add(path.name)
+    # `Work.of` names the response `said`, and reads its fields.
+    assert seen == {"ergoqp.rest.model_person.person_of"}
+    assert taken == {"habits.py"}
 
 
 @pytest.mark.parametrize("kind", SOFT)

@@ -201,7 +201,7 @@ def test_a_required_key_that_is_misspelled_is_one_mistake() -> None:
     cone = "[limits.tool_axis]\ndirection = [1, 0, 0]\nhalf_angle = 0.52"
     assert said_of(IK + cone) == (
         "mine: limits.tool_axis.half_angle: got a key that is not known, allowed half_angle_deg"
-        " (the nearest, required), direction, tolerance, recovery_time"
+        " (the nearest, required), direction"
     )
     several = said_of(f"{IK}[limits.tool_axis]\nhalf_angle = 0.52")
     assert "2 mistakes" in several
