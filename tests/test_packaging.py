@@ -105,7 +105,8 @@ def test_wheel_holds_the_data(distributions):
 def test_source_distribution_holds_everything(distributions):
     with tarfile.open(distributions[1]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    for kind in ("ergoqp", "models", "problems", "examples", "docs", "tests", "benchmarks"):
+    kinds = ("ergoqp", "models", "problems", "examples", "docs", "tests", "benchmarks", "tools")
+    for kind in kinds:
         for path in (ROOT / kind).rglob("*"):
             # The pages of the reference are made when the site is built.
             made = "__pycache__" in path.parts or path.parent == ROOT / "docs" / "reference"

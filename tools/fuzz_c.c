@@ -1,6 +1,6 @@
 /* A fuzz target for the exported step: the bytes of an input are calls with wrong, late and hostile arguments, and every
  * answer is judged. With -fsanitize=fuzzer it is libFuzzer's; with -DSECONDS=N it makes its own bytes for N seconds.
- * Any breach prints one line and aborts. benchmarks/fuzz_c.py builds and runs it.
+ * Any breach prints one line and aborts. tools/fuzz_c.py builds and runs it.
  */
 #include <math.h>
 #include <stdint.h>

@@ -185,19 +185,7 @@ def test_pages_import_public_names() -> None:
     assert not unknown
 
 
-SLOW = frozenset(
-    {
-        "ergoqp.comparison.compare",
-        "ergoqp.lab.group",
-        "ergoqp.lab.population",
-        "ergoqp.placing.optimise",
-        "ergoqp.whole_body.whole_body",
-    }
-)
-"""Modules whose examples take longer than a second of CPU."""
-
-
-def _with_examples() -> list[Any]:
+def _with_examples() -> list[str]:
     """Return the modules of the package with examples, and the public constants with one."""
     modules = [
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
@@ -205,10 +193,7 @@ def _with_examples() -> list[Any]:
         if ">>> " in path.read_text(encoding="utf-8")
     ]
     constants = [name for name in NAMES if not callable(found(name))]
-    return [
-        pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
-        for name in (*modules, *constants)
-    ]
+    return [*modules, *constants]
 
 
 @pytest.mark.slow

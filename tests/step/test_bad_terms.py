@@ -411,7 +411,7 @@ def test_a_model_of_a_user_that_gives_nan_is_named() -> None:
     assert step.reason == "limits: got NaN in rows or margins of boundary, allowed numbers"
 
 
-class TableOptions(ca.Callback):
+class AskedCost(ca.Callback):
     """A cost in Python, which can raise or be slow; the steps of its `does` come first."""
 
     def __init__(self, size: int = 32) -> None:
@@ -432,7 +432,7 @@ class TableOptions(ca.Callback):
 class AsPlain(Pull):
     """`Pull` through Python, with the four members that every cost has."""
 
-    asked = TableOptions(6)
+    asked = AskedCost(6)
 
     def expression(self, q: Any) -> Any:
         return self.asked(q[:6])
@@ -442,7 +442,7 @@ class InPython(Pull):
     """`Pull` through Python."""
 
     dense = True
-    asked = TableOptions()
+    asked = AskedCost()
 
     def expression(self, q: Any) -> Any:
         return self.asked(q)
@@ -501,7 +501,7 @@ def test_an_interrupt_within_a_term_is_no_error_of_it() -> None:
     assert stepper.step(FORWARD).status == "optimal"
 
 
-class Nothing(TableOptions):
+class Nothing(AskedCost):
     """Adds nothing to a response, but asks Python for it."""
 
     def eval(self, arguments: Any) -> Any:
@@ -564,7 +564,7 @@ def test_a_response_that_raises_brakes_and_is_named(which: str) -> None:
 class WallInPython(Wall):
     """`Wall`, whose end asks Python."""
 
-    asked = TableOptions()
+    asked = AskedCost()
 
     def rows(self, context: LimitContext) -> Rows:
         rows = super().rows(context)

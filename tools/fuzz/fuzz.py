@@ -1,27 +1,27 @@
 """Whatever comes in, a safe twist comes out, with a reason that names the cause.
 
-Run ``python -m benchmarks.fuzz``.
+Run ``python -m benchmarks.fuzz``. Parts in other files of this folder are named like `inputs`.
 
 Random sequences alternate between sane trajectories (the model person follows, with noise) and
-attacks (`fuzz_inputs`): on the five problems, and on random ones with other people, boxes without
+attacks (`inputs`): on the five problems, and on random ones with other people, boxes without
 an inside, cones that exclude the start, narrow ranges, other periods and averages
-(`fuzz_problems`); every other problem declares a robot. 20 000 steps, 1 000 000 with ``--full``;
+(`problems`); every other problem declares a robot. 20 000 steps, 1 000 000 with ``--full``;
 two processes. In seven of ten sequences the robot keeps its declaration and nothing that is said of
 it is a lie. Before 15 % of the calls the same call or another one is interrupted at a random point
-(`fuzz_interruptions`). In a quarter of the chunks the cost, the response or a limit gives NaN or
-infinity in a part of its domain (`fuzz_terms`). Figures:
+(`interruptions`). In a quarter of the chunks the cost, the response or a limit gives NaN or
+infinity in a part of its domain (`terms`). Figures:
 
 ``exceptions``
     calls that raised anything but what is documented, also in and after an interrupted call.
 ``unsafe`` times that a limit was broken, by a judge in numpy that shares no code with the step.
     Speed, axes, acceleration and jerk (2 a / W, from the middle of one period to that of the next)
     are judged against what was sent before, always and to 1e-9, whatever the robot is said to have
-    done: in every step, every call of `Stepper.brake` and every stop (`fuzz_judge.Sent`). The
+    done: in every step, every call of `Stepper.brake` and every stop (`judge.Sent`). The
     object itself, moved by a robot within its declaration, is followed on its whole way
-    (`fuzz_world`): what is inside its workspace and its tool cone stays inside, what is outside
+    (`world`): what is inside its workspace and its tool cone stays inside, what is outside
     comes no further out, and what is outside of a region to keep out of never gets into it
-    (`fuzz_regions`). From a tenth of the steps it is really braked down by a clone of the loop,
-    at regular and uneven periods, with and without the one hold that is declared (`fuzz_object`).
+    (`regions`). From a tenth of the steps it is really braked down by a clone of the loop,
+    at regular and uneven periods, with and without the one hold that is declared (`object`).
     Only where nobody sent it (another pose is given, the loop takes over a moving object, a robot
     disobeys, a period was longer than may be) may it be as far outside as braking forces from
     there. A step that has to brake sends what `Stepper.brake` does; after a fault, and after it was
@@ -40,7 +40,7 @@ infinity in a part of its domain (`fuzz_terms`). Figures:
     enabled, no robot at fault, periods as declared) and from which some twist other than braking
     was possible, the share that was not answered by braking. Wherever the step brakes, without
     exception, that is decided by 60 random twists within reach of the planned one, each also
-    shortened toward braking to 0.3 and 0.1 of the way (`fuzz_judge.Law`). What is under way counts
+    shortened toward braking to 0.3 and 0.1 of the way (`judge.Law`). What is under way counts
     first: what the mean has still to send, rising on the way for periods up to h = 3 dt, and what a
     declared robot owes, done already or not, with its gain error, its noise and one hold at their
     ends. Then comes the way of the new twist u by the law of the problem's stop: half its period
@@ -52,7 +52,7 @@ infinity in a part of its domain (`fuzz_terms`). Figures:
 ``reasons_wrong`` steps whose status or sentence does not fit: a wrong input that is not ``invalid``
     or not named, a usable one refused, a joint or limit outside that is not named, or one named
     that is inside, ``recovering`` for what does not come back; a robot that is blamed and does what
-    is declared, or is not blamed and does not, reckoned from the calls alone (`fuzz_robot`); a term
+    is declared, or is not blamed and does not, reckoned from the calls alone (`robot`); a term
     that is not named where it gives no number and nothing else makes the step brake, or is named
     where it gives one.
 
