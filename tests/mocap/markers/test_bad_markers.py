@@ -87,7 +87,7 @@ PAIRS = ("LASI RASI", "LASI LPSI", "LPSI RPSI", "C7 T10", "CLAV STRN", "LFHD RBH
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pair", "rows"), zip(PAIRS, cycle([WALKS, STOOPS])))
+@pytest.mark.parametrize(("pair", "rows"), [*zip(PAIRS, cycle([WALKS, STOOPS]))])
 def test_two_of_what_moves_as_one_are_exchanged(pair: str, rows: slice) -> None:
     recording = read(exchanged(*pair.split(), rows))
     assert worst(recording) < OFF
@@ -114,7 +114,7 @@ def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rows"),
-    zip(["WRA", "ANK", "KNE", "ELB", "SHO", "THI", "TOE", "WRA", "ANK"], cycle([WALKS, STOOPS])),
+    [*zip(["WRA", "ANK", "KNE", "ELB", "SHO", "THI", "TOE", "WRA", "ANK"], cycle([WALKS, STOOPS]))],
 )
 def test_left_and_right_are_exchanged(name: str, rows: slice) -> None:
     recording = read(exchanged(f"L{name}", f"R{name}", rows))
@@ -143,7 +143,7 @@ FALLING = ("LASI", "RPSI", "C7", "STRN", "RFHD", "RSHO", "RELB", "RWRA", "RTHI",
 # Each in the walk or in the stoop: what is done does not depend on the name.
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "when"), zip([*FALLING, "RTOE", "RFIN", "RUPA", "RTIB"], cycle([180, 420]))
+    ("name", "when"), [*zip([*FALLING, "RTOE", "RFIN", "RUPA", "RTIB"], cycle([180, 420]))]
 )
 def test_a_marker_comes_off_and_stays_on_the_floor(name: str, when: int) -> None:
     recording = read(fallen(name, when))
