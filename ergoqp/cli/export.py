@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from rich.text import Text
 
+from ergoqp.arguments import check_number
 from ergoqp.cli.common import console, working, writing
 from ergoqp.cli.options import AnyProblem, Guide, folder_of, option
 from ergoqp.cli.run import guide_named
@@ -15,6 +16,7 @@ from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.validate import PERIODS
 from ergoqp.responses import IkResponse
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import ModelPerson
@@ -43,8 +45,7 @@ def command(
     """
     problem = load_problem(name)
     if dt is not None:
-        if not 1e-4 <= dt <= 0.1:
-            raise InputError(f"--dt: got {dt:g} s, allowed 0.0001 to 0.1 s")
+        check_number("--dt", dt, *PERIODS, "s")
         problem = problem.replace(dt=dt)
     place = None if guide is None else guide_named(problem, guide)
     with working(f"exporting {problem.name}"), writing(out):

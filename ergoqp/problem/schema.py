@@ -52,7 +52,7 @@ from ergoqp.limits import (
 )
 from ergoqp.problem.messages import as_list, as_tuple, full_keys, given_tables, keys_of, listing
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
-from ergoqp.problem.validate import check_response
+from ergoqp.problem.validate import PERIODS, check_response
 from ergoqp.registry import check_free, own_term, registered
 from ergoqp.responses import IkResponse
 from ergoqp.sheets.reba import Method
@@ -367,7 +367,7 @@ FileTable: Any = create_model(
     "FileTable",
     __base__=Table,
     title=(str, ""),
-    dt=(Annotated[float, Range(1e-4, 0.1, "s")], 0.01),
+    dt=(Annotated[float, Range(*PERIODS, "s")], 0.01),
     response=(ResponseTable, ...),
     cost=(CostTable, CostTable()),
     task=(TaskTable, TaskTable()),

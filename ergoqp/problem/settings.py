@@ -12,6 +12,7 @@ from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions import pose_at, quaternion_of, read_pose
 
 NotNegative = Annotated[float, Range(0.0, 1e9)]
+Time = Annotated[float, Range(0.0, 1e9, "s")]
 
 
 @dataclass(frozen=True)
@@ -66,21 +67,21 @@ class Control:
         0.8
     """
 
-    look_ahead: NotNegative = 0.5
-    smoothing: NotNegative = 0.15
+    look_ahead: Time = 0.5
+    smoothing: Time = 0.15
     effort_linear: NotNegative = 10.0
     effort_angular: NotNegative = 1.0
     caution: NotNegative = 0.02
     contact: NotNegative = 20.0
     comfort: NotNegative = 0.25
     rest_below: NotNegative = 0.03
-    rest_after: NotNegative = 0.5
+    rest_after: Time = 0.5
     move_above: NotNegative = 0.50
-    move_after: NotNegative = 0.5
+    move_after: Time = 0.5
     stall_gain: NotNegative = 0.05
-    stall_after: NotNegative = 2.0
-    rest_filter: NotNegative = 0.5
-    max_age: NotNegative = 0.10
+    stall_after: Time = 2.0
+    rest_filter: Time = 0.5
+    max_age: Time = 0.10
     average: Annotated[float, Range(0.0, 0.5, "s")] | None = None
     guide_weight: NotNegative = 20.0
     guide_gain: NotNegative = 0.3

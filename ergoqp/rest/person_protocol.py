@@ -43,11 +43,11 @@ class SensorModel:
         0.0873
     """
 
-    delay: Annotated[float, Range(0.0, 2.0)] = 0.15
-    hand_time: Annotated[float, Range(1e-3, 10.0)] = 0.05
-    noise_deg: Annotated[float, Range(0.0, 90.0)] = 0.5
-    drift_deg: Annotated[float, Range(0.0, 90.0)] = 1.0
-    drift_time: Annotated[float, Range(1e-3, 3600.0)] = 10.0
+    delay: Annotated[float, Range(0.0, 2.0, "s")] = 0.15
+    hand_time: Annotated[float, Range(1e-3, 10.0, "s")] = 0.05
+    noise_deg: Annotated[float, Range(0.0, 90.0, "deg")] = 0.5
+    drift_deg: Annotated[float, Range(0.0, 90.0, "deg")] = 1.0
+    drift_time: Annotated[float, Range(1e-3, 3600.0, "s")] = 10.0
     lost: Annotated[float, Range(0.0, 1.0)] = 0.01
     bias_deg: Mapping[str, Annotated[float, Range(-90.0, 90.0, "deg")]] = field(
         default_factory=dict

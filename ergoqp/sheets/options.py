@@ -31,9 +31,9 @@ _ASCENDING: Final = (
     ("load_low_kg", "load_high_kg"),
 )
 
-_Angle = Annotated[float, Range(0.0, 180.0)]
-_Extension = Annotated[float, Range(-180.0, 180.0)]
-_Mass = Annotated[float, Range(0.0, 1000.0)]
+_Angle = Annotated[float, Range(0.0, 180.0, "deg")]
+_Extension = Annotated[float, Range(-180.0, 180.0, "deg")]
+_Mass = Annotated[float, Range(0.0, 1000.0, "kg")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,12 +48,12 @@ class RobotKind:
         (10, 4, 4)
     """
 
-    delay: Annotated[float, Range(0.0, 10.0)] = 0.0
-    lag: Annotated[float, Range(0.0, 10.0)] = 0.0
+    delay: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    lag: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
     gain: Annotated[float, Range(0.0, 10.0)] = 1.0
-    pose_delay: Annotated[float, Range(0.0, 10.0)] = 0.0
-    pose_noise: Annotated[float, Range(0.0, 1.0)] = 0.0
-    pose_noise_deg: Annotated[float, Range(0.0, 90.0)] = 0.0
+    pose_delay: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    pose_noise: Annotated[float, Range(0.0, 1.0, "m")] = 0.0
+    pose_noise_deg: Annotated[float, Range(0.0, 90.0, "deg")] = 0.0
     speed_noise: Annotated[float, Range(0.0, 10.0)] = 0.0
 
     def __post_init__(self) -> None:
