@@ -198,6 +198,11 @@ def long_lines() -> int:
     return sum(len(line) > COLUMNS and not line.startswith("|") for line in lines)
 
 
+def lengths_of(files: dict[str, Path]) -> dict[Path, int]:
+    """Return the number of lines of each file."""
+    return {path: len(path.read_text(encoding="utf-8").splitlines()) for path in files.values()}
+
+
 def core_imports_others(arrows: dict[str, set[str]]) -> dict[str, int]:
     """Return how often each file of the core imports from the rooms beside it, if it does."""
     found = {}
@@ -269,7 +274,7 @@ def measure(report: Report) -> None:
         report.say(f"climb: {each}")
     report.figure("circles", len(found))
     report.figure("climbs", len(up))
-    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in files.values()}
+    lengths = lengths_of(files)
     top = [lines for path, lines in lengths.items() if path.parent == PACKAGE]
     report.figure("core_imports_others", sum(core_imports_others(arrows).values()))
     report.figure("rooms", len({room_of(name) for name in files}))
@@ -299,18 +304,20 @@ def measure(report: Report) -> None:
 
 
 def check() -> int:
-    """Return 1 where an import or a line is not as it should be, having said which."""
-    arrows = imports(modules())
+    """Return 1 where an import, a file or a line is not as it should be, having said which."""
+    arrows, lengths = imports(modules()), lengths_of(modules())
+    long_files = {path: lines for path, lines in lengths.items() if lines > LONGEST}
     said = [
         *("circle: " + ", ".join(group) for group in circles(arrows)),
         *(f"climb: {each}" for each in climbs(arrows)),
         *(f"core: {each} imports mocap or lab" for each in core_imports_others(arrows)),
+        *(f"{path.name}: {lines} lines, at most {LONGEST}" for path, lines in long_files.items()),
         *([f"{long} lines of more than {COLUMNS} columns"] if (long := long_lines()) else []),
     ]
     print(
         "\n".join(said)
         if said
-        else "no circle, no climb, no import of others by the core, no long line"
+        else "no circle, no climb, no import of others by the core, no long file or line"
     )
     return int(bool(said))
 
