@@ -53,5 +53,5 @@ def test_the_package_has_no_circle_climb_or_long_line(capsys: pytest.CaptureFixt
     assert house.check() == 0
     assert (
         capsys.readouterr().out
-        == "no circle, no climb, no import of others by the core, no long line\n"
+        == "no circle, no climb, no import of others by the core, no long file or line\n"
     )
