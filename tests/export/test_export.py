@@ -464,7 +464,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
 
 def test_a_period_out_of_range_is_one_sentence(tmp_path, capsys):
     assert execute(["export", "screwing", "--out", str(tmp_path / "step"), "--dt", "1"]) == 2
-    assert "--dt: got 1 s, allowed 0.0001 to 0.1 s" in capsys.readouterr().err
+    assert "--dt: got 1.0 s, allowed 0.0001 to 0.1 s" in capsys.readouterr().err
 
 
 def test_flags_and_codes_are_whole_numbers_in_c():
