@@ -5,7 +5,7 @@
 #   make check   style, formatting, types, which part imports which
 #   make docs    the site, from docs/ into out/site/; warnings are errors
 #   make bench   the benchmarks' quick samples
-#   make mutants whether the tests notice mistakes: about an hour
+#   make mutants whether the tests notice mistakes: about two hours on two cores
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
@@ -15,16 +15,16 @@ BIN = $(VENV)/bin
 
 demo: $(VENV)/.runs
 	@mkdir -p $(OUT)
-	@$(BIN)/python -c "from ergoqp.simulation.demo_recording import demo_recording; demo_recording('$(OUT)/demo.bvh')"
+	@$(BIN)/python -c "from ergoqp.mocap.demo_recording import demo_recording; demo_recording('$(OUT)/demo.bvh')"
 	@$(BIN)/ergoqp run screwing --from $(OUT)/demo.bvh --out $(OUT)
 	@echo
 	@echo "The report is in $(abspath $(OUT))/report.html"
 
 test: $(VENV)/.tests
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadscope -m "not slow"
 
 test-all: $(VENV)/.tests
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadscope
 
 check: $(VENV)/.tests
 	$(BIN)/ruff check .

@@ -45,12 +45,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Report, run
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES, JointLimit
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import ModelPerson, Start, sample_person
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.loop import Trace, run_loop
-from ergoqp.simulation.people.alike import Alike, Start, sample_person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 SIZES_DEG = (2.0, 5.0, 10.0)
@@ -132,12 +132,17 @@ class Biased(Stepper):
 
 
 def follows(
-    problem: Problem, stepper: Stepper, person: Alike, start: Start, bias: np.ndarray, seed: int
+    problem: Problem,
+    stepper: Stepper,
+    person: ModelPerson,
+    start: Start,
+    bias: np.ndarray,
+    seed: int,
 ) -> tuple[bool, bool, bool, bool]:
     """Return (ends worse by the sensors, ends worse in truth, never rests, moves) for a loop."""
     trace = run_loop(
         problem,
-        person.holding(start, Senses(drift_deg=0.0)),
+        person.holding(start, SensorModel(drift_deg=0.0)),
         duration=20.0,
         seed=seed,
         controller=Biased(stepper, bias),

@@ -33,10 +33,10 @@ import numpy as np
 
 from benchmarks.report import Report, run
 from ergoqp.learning.one_class import OneClass
-from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit
-from ergoqp.limits.own_rates import OwnRates
-from ergoqp.problem.control import Control
+from ergoqp.limits import LimitContext, OneClassBoundary, Rows, TwistLimit
+from ergoqp.limits.custom import OwnRates
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Control
 from ergoqp.responses import LinearResponse
 from ergoqp.step.stepper import Stepper
 
@@ -50,15 +50,15 @@ ROUNDING = 1e-9
 class FirstOrder(OneClassBoundary):
     """The same row without its reserve: what a linearised constraint does."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the row with nothing set aside."""
-        rows = super().rows(situation)
-        return Rows(rows.matrix, rows.below, rows.above, rows.rate, ca.SX(1, 1))
+        rows = super().rows(context)
+        return Rows(rows.matrix, rows.to_lower, rows.to_upper, rows.rate, ca.SX(1, 1))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return what the slope alone promises."""
-        value, slope = self._reading(situation)
-        return value + ca.fmin(0, ca.dot(slope, self._moves(situation) @ displacement))
+        value, slope = self._reading(context)
+        return value + ca.fmin(0, ca.dot(slope, self._moves(context) @ displacement))
 
 
 def unchecked() -> AbstractContextManager[Any]:

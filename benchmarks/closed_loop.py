@@ -31,12 +31,12 @@ import numpy as np
 
 from benchmarks.loops import Loops, end_score, figures_of, gather, optimum_of, run_loops
 from benchmarks.report import Report, run
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.model_person import ModelPerson, Start, sample_person
+from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace
-from ergoqp.simulation.people.alike import Alike, Start, sample_person
-from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 
@@ -83,10 +83,10 @@ def _plain_way(problem: Problem):
     q = ca.MX.sym("q", 32)
     slope = problem.response.expression(q).T @ ca.gradient(problem.cost.expression(q), q)
     descend = ca.Function("plain", [q], [-EPS * slope])
-    senses = Senses()
+    senses = SensorModel()
     follow = 1.0 - float(np.exp(-problem.dt / senses.hand_time))
 
-    def loop(person: Alike, start: Start, steps: int, seed: int) -> tuple[int, float]:
+    def loop(person: ModelPerson, start: Start, steps: int, seed: int) -> tuple[int, float]:
         checker = Checker(problem)
         errors = frames(senses, problem.dt, np.random.default_rng([seed, 2]))
         posture, pose, twist = start.posture, start.pose, np.zeros(6)

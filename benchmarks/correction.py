@@ -31,9 +31,9 @@ from benchmarks.people_draw import draw_unit, model_optimum, places_to_try
 from benchmarks.people_figures import best_of, end_of
 from benchmarks.people_unit import controller_of, way_of
 from benchmarks.report import Report, run
-from ergoqp.problem_files.load import TASKS
+from ergoqp.problem.load import TASKS
 from ergoqp.seeking import Seeker
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 
 WAYS = ("descent", "own", "seek", "seek_own", "seek_swapped", "still")

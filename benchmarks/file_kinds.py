@@ -15,22 +15,19 @@ import numpy as np
 from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY
 from ergoqp.costs.load import load_cost
-from ergoqp.datasets.cache import cached_data
-from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.data import DataSet, cached_data
 from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.one_class import load_one_class
-from ergoqp.paths import data_folder
-from ergoqp.placing.ledger import FILE as LEDGER
-from ergoqp.placing.ledger import Ledger
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.formats.bvh import write_bvh
+from ergoqp.mocap.naming import centres_of
 from ergoqp.placing.optimise import optimise
-from ergoqp.placing.optimum import Optimum, Trial
-from ergoqp.problem_files.load import load_problem
-from ergoqp.recordings import load_recording
-from ergoqp.recordings.bvh.write import write_bvh
-from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.placing.optimum import Optimum
+from ergoqp.problem.load import load_problem
+from ergoqp.registry import data_folder
 
 Rng = np.random.Generator
 
@@ -186,41 +183,9 @@ def people(folder: Path) -> Kind:
     )
 
 
-def _trial(rng: Rng) -> Trial:
-    return Trial(int(rng.integers(9)), np.eye(4), rng.normal(size=32), 3, 2.5, 1e-9, 0.0, 0.1)
-
-
-def ledgers(folder: Path) -> Kind:
-    """Ledgers of finished starts."""
-
-    def made(rng: Rng) -> bytes:
-        from ergoqp.expressions.quaternions import pose_as_dict
-
-        trials = [_trial(rng) for _ in range(4)]
-        del pose_as_dict
-        lines = [json.dumps({"key": "k", "trial": trial.as_dict()}) for trial in trials]
-        return ("\n".join(lines) + "\n").encode()
-
-    def read(path: Path) -> None:
-        place = folder / "ledger"
-        place.mkdir(exist_ok=True)
-        ledger_file = place / LEDGER
-        if path.is_file():
-            ledger_file.write_bytes(path.read_bytes())
-        ledger = Ledger(place, "k")
-        for trial in ledger.trials.values():
-            if not np.isfinite(trial.posture).all() or trial.cost != trial.cost:
-                raise AssertionError("a trial that is none was taken over")
-        ledger.add(_trial(np.random.default_rng(0)))
-        if not Ledger(place, "k").trials:
-            raise AssertionError("a trial that was added is lost")
-
-    return Kind("ledger", ".jsonl", True, made, read)
-
-
 def optima(folder: Path) -> Kind:
     """Optima, and the guides that they are read as."""
-    from ergoqp.step.guide.place import read_guide
+    from ergoqp.step.guide import read_guide
 
     problem = load_problem("screwing")
     best = optimise(problem, problem.response.comfort, starts=1, seed=0)  # pyright: ignore
@@ -263,7 +228,6 @@ KINDS = (
     markers,
     tables,
     people,
-    ledgers,
     optima,
     caches,
 )

@@ -4,7 +4,7 @@ Run ``python -m benchmarks.forearm``.
 
 Starts are unseen points of every true cost that there is inside the boundary; ``true`` is the
 lowest sheet score of any whole-body posture whose elbow and wrist are there
-(`ergoqp.studies.forearm.true_cost`), 0 if there is none, and such an end counts as failed and as
+(`ergoqp.lab.forearm.true_cost`), 0 if there is none, and such an end counts as failed and as
 worse.
 
 Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length
@@ -37,19 +37,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.human.forearm import forearm_length, forearm_points
+from ergoqp.lab.forearm import forearm_data, nearest_sample_cost, true_cost
+from ergoqp.lab.forearm_models import (
+    ForearmModels,
+    added,
+    descend,
+    fit_forearm_models,
+    slope_of,
+    toward_class_below,
+)
 from ergoqp.limits import ArmLength, OneClassBoundary
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
-from ergoqp.studies.forearm import forearm_data, nearest_sample_cost, true_cost
-from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
-from ergoqp.studies.forearm.models import ForearmModels, fit_forearm_models
 
 Array = NDArray[np.float64]
 

@@ -42,18 +42,16 @@ from ergoqp.human import Body
 from ergoqp.identification.calibrate import calibrate_frames
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.geometry import pose_error
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import pose_error
-from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best_place import TURNS, tilted_frames
+from ergoqp.problem.settings import Frames
+from ergoqp.rest.best_place import TURNS, awkward_start, tilted_frames
+from ergoqp.rest.person_protocol import Holding, Person, SensorModel
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.simulation.people import kinds, person_of_kind
 from ergoqp.step import frames_check
-from ergoqp.step.answer.causes import Cause
+from ergoqp.step.causes import Cause
 from ergoqp.step.stepper import Step, Stepper
 
 FIRST = 1000
@@ -123,7 +121,7 @@ class Unit:
 
     problem: Problem
     person: Person
-    senses: Senses
+    senses: SensorModel
     start: np.ndarray
     seed: int
 
@@ -312,8 +310,8 @@ def _begin() -> None:
 
 def measure(report: Report) -> None:
     """Run the loops and print the figures."""
-    kinds = [kind for kind in KINDS if kind not in ("mass", "stepping")]
-    pairs = [(kind, name) for kind in kinds for name in TASKS] * report.pick(1, 15)
+    chosen = [kind for kind in kinds() if kind not in ("mass", "stepping")]
+    pairs = [(kind, name) for kind in chosen for name in TASKS] * report.pick(1, 15)
     # A seed is a place too, so each unit has one of its own.
     units = [(*pair, FIRST + i) for i, pair in enumerate(pairs[:: report.pick(3, 1)])]
     stepping = [("stepping", name, FIRST + i) for i, name in enumerate(TASKS * report.pick(1, 15))]

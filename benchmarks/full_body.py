@@ -32,21 +32,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.loops import ABOVE, DURATION, STILL, end_score
+from benchmarks.loops import ABOVE, DURATION, STILL, draw_starts, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.load import load_cost
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary
-from ergoqp.paths import data_folder
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best_place import draw_starts, workspace_map
+from ergoqp.registry import data_folder
+from ergoqp.rest.best_place import workspace_map
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.stepper import Stepper
 
 PROBLEM = "screwing"
@@ -122,7 +122,7 @@ def _fitted(cost: str, per_score: int) -> LearnedCost:
 
     from ergoqp.costs.from_sklearn import from_sklearn
     from ergoqp.costs.gmr import Gmr
-    from ergoqp.costs.ladder import OneClassLadder
+    from ergoqp.costs.one_class_ladder import OneClassLadder
     from ergoqp.costs.quadratic import Quadratic
     from ergoqp.costs.svr import Svr
 

@@ -20,8 +20,8 @@ from benchmarks.people_figures import end_of
 from benchmarks.people_unit import DURATION
 from benchmarks.people_way import rested
 from benchmarks.report import Report, run
-from ergoqp.problem_files.load import TASKS
-from ergoqp.simulation.baselines import GRADIENT_GAIN, Gradient
+from ergoqp.lab.yardstick import GRADIENT_GAIN, Gradient
+from ergoqp.problem.load import TASKS
 from ergoqp.simulation.loop import run_loop
 
 GAINS = (0.01, 0.03, 0.1, 0.3, 1.0)

@@ -34,12 +34,10 @@ import time
 import numpy as np
 
 from benchmarks.report import Report, run
-from ergoqp.placing.group.grid import shared_grid
-from ergoqp.placing.group.optimise import best_for_group
-from ergoqp.placing.group.people import read_people
-from ergoqp.placing.group.search import PlaceSearch
+from ergoqp.lab.group import best_for_group
+from ergoqp.lab.group_search import PlaceSearch, read_people, shared_grid
 from ergoqp.placing.optimise import optimise
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
 
 STATURES = (1.55, 1.65, 1.75, 1.85, 1.95)
 """Of the people [m]: about from the 5th percentile of women to the 95th of men."""

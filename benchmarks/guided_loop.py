@@ -22,7 +22,7 @@ Beside them, from the same starts and for the same people, the object where nobo
 anything:
 
 - ``PROBLEM.rule_share_at_best``, ``PROBLEM.rule_mean_end``: carried straight to the height of the
-  elbow, 0.40 m ahead, level (`ergoqp.simulation.baselines.rule_pose`); ``PROBLEM.placed_...``: to
+  elbow, 0.40 m ahead, level (`ergoqp.lab.yardstick.rule_pose`); ``PROBLEM.placed_...``: to
   the optimum of the model, without a step that looks at the person.
 
 The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the
@@ -47,14 +47,13 @@ from benchmarks.loops import (
 )
 from benchmarks.people_draw import places_to_try, unseeing, unseeing_optimum
 from benchmarks.report import Report, run
+from ergoqp.lab.yardstick import rule_pose
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.population import person_of
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.rest.model_person import Start, person_of, sample_person
 from ergoqp.seeking import Seeker
-from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.loop import Trace
-from ergoqp.simulation.people.alike import Start, sample_person
-from ergoqp.step.guide.trial import BACK, THERE
+from ergoqp.step.rest import BACK, THERE
 from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 20

@@ -38,15 +38,14 @@ import numpy as np
 from benchmarks.people import JUDGING, KEPT, prepared
 from benchmarks.people_draw import judged, model_optimum
 from benchmarks.report import Report, run
-from ergoqp.identification.delay import delay_of
 from ergoqp.identification.identify import HABIT, Identified, Identifier
-from ergoqp.identification.promising import Promising, chosen
-from ergoqp.identification.watched import watched
-from ergoqp.problem_files.load import TASKS
+from ergoqp.identification.loops import delay_of, watched
+from ergoqp.identification.promising import CandidateSearch, chosen
+from ergoqp.problem.load import TASKS
+from ergoqp.rest.person_protocol import Holding
 from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.person import Holding
 
 GIVEN, UNSEEN, MORE = 10, 8, 20
 NOISE = float(np.radians(2.0))
@@ -60,10 +59,10 @@ Rest = tuple[np.ndarray, np.ndarray]
 
 
 @cache
-def tools_of(name: str) -> tuple[Identifier, Promising]:
+def tools_of(name: str) -> tuple[Identifier, CandidateSearch]:
     """Return what identifies people of a problem: once per process."""
     problem, _ = judged(name)
-    return Identifier(problem), Promising(problem, SCORED_AT_DEG)
+    return Identifier(problem), CandidateSearch(problem, SCORED_AT_DEG)
 
 
 def rests_of_person(home: Holding, name: str, rng: np.random.Generator, count: int) -> list[Rest]:
@@ -156,7 +155,7 @@ def _nearest(given: Sequence[Rest], pose: np.ndarray) -> np.ndarray:
     return min(given, key=lambda each: float(np.linalg.norm(each[1][:3, 3] - pose[:3, 3])))[0]
 
 
-def _three(promising: Promising, person: Identified) -> list[np.ndarray]:
+def _three(promising: CandidateSearch, person: Identified) -> list[np.ndarray]:
     """Return the three places that together promise this person most."""
     return [place.pose for place in chosen(promising.places(person, 15.0), 3)]
 

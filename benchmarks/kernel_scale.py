@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
-from ergoqp.costs.quality import evaluation_time
+from ergoqp.costs.load import evaluation_time
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.learning.features import Columns
-from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.learning.kernels import Columns, Kernel, KernelSum
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.step.stepper import Stepper
 
 COUNTS = (30, 100, 300, 1000, 3000, 10_000)

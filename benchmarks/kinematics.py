@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks.pinocchio_model import pinocchio_model
 from benchmarks.report import Report, run
 from ergoqp.human import FRAMES, Body, Kinematics
-from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human.body import base_jacobian
 from ergoqp.joints import JOINTS, LOWER, UPPER
 
 Array = NDArray[np.float64]

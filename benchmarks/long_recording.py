@@ -24,8 +24,8 @@ import numpy as np
 from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY, fitted, moved, stoop, walk
 from benchmarks.report import Report, run
-from ergoqp.recordings.bvh.write import write_bvh
-from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.mocap.formats.bvh import write_bvh
+from ergoqp.mocap.naming import centres_of
 
 RATE = 120.0
 

@@ -8,20 +8,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from benchmarks.report import Report
+from ergoqp.limits import WorkspaceBox
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.best_place import SPACING, workspace_map
+from ergoqp.rest.model_person import ModelPerson, Start, person_of
 from ergoqp.seeking import Seeker
-from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
-from ergoqp.simulation.people.alike import Alike, Start
+from ergoqp.simulation.loop import Trace, run_loop, settle_time
 from ergoqp.step.stepper import Stepper
 
 DURATION = 30.0
@@ -55,16 +55,50 @@ Beside = Callable[[Start, int, Trace], None]
 """Told of every loop: its start, its seed and its trace."""
 
 
-def optimum_of(problem: Problem, person: Alike | None) -> Optimum:
+def optimum_of(problem: Problem, person: ModelPerson | None) -> Optimum:
     """Return the best place for a person at ease (None: the model), as by ``ergoqp optimise``."""
     response = person_of(problem) if person is None else person.response
     return optimise(problem, response.comfort, person=person)
 
 
+def draw_starts(
+    problem: Problem, person: ModelPerson, count: int, seed: int, at_least: int, tries: int = 2000
+) -> list[Start]:
+    """Return starts at rest in random reachable workspace places that score at least `at_least`.
+
+    Places are drawn from the map of the person and shifted by up to half its spacing. There
+    are fewer than `count` starts if `tries` places do not give that many.
+    """
+    found = workspace_map(problem, person)
+    candidates = np.flatnonzero(found.scores >= at_least)
+    rng = np.random.default_rng([seed, 3])
+    box = problem.limit_of(WorkspaceBox)
+    comfort = person.response.comfort
+    soles, grasp = person.stand(comfort), person.grasp(comfort)
+    starts: list[Start] = []
+    for _ in range(tries if candidates.size else 0):
+        chosen = rng.choice(candidates)
+        pose = found.poses[chosen].copy()
+        beside = pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING
+        pose[:3, 3] = np.clip(beside, box.lower, box.upper)
+        posture, reached = person.settle(found.postures[chosen], pose, grasp, soles)
+        if (
+            reached
+            and not problem.own_limits.broken(pose, posture)
+            and problem.assess(posture).final[0] >= at_least
+        ):
+            # The hand may have turned about a free tool, so the grasp is that of the new
+            # posture.
+            starts.append(replace(person.start_at(posture, pose), soles=soles))
+            if len(starts) == count:
+                break
+    return starts
+
+
 def run_loops(
     loops: Loops,
     problem: Problem,
-    person: Alike,
+    person: ModelPerson,
     person_seed: int,
     count: int,
     controller: Stepper | Seeker,
@@ -127,8 +161,20 @@ def run_loops(
         beside(start, seed, trace)
 
 
+def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
+    """Return the share of the power of the twist above a frequency [Hz].
+
+    Each axis is relative to its speed limit. At standstill the share is 0.
+    """
+    moving = speed > 0
+    spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2
+    total = spectrum.sum()
+    high = np.fft.rfftfreq(len(twists), dt) > frequency
+    return float(spectrum[high].sum() / total) if total > 0 else 0.0
+
+
 def end_score(
-    problem: Problem, person: Alike, start: Start, posture: np.ndarray, pose: np.ndarray
+    problem: Problem, person: ModelPerson, start: Start, posture: np.ndarray, pose: np.ndarray
 ) -> int:
     """Return the exact score of the rest posture where the object is now.
 
@@ -138,7 +184,7 @@ def end_score(
     return int(problem.assess(rest if reached else posture).final[0])
 
 
-def placed_score(problem: Problem, person: Alike, start: Start, pose: np.ndarray) -> int:
+def placed_score(problem: Problem, person: ModelPerson, start: Start, pose: np.ndarray) -> int:
     """Exact score of the rest posture where the object is carried straight to a pose.
 
     Nothing but the person's reach limits the carrying.

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.human.marker import Marker
+from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.markers.fit import places_of_markers
+from ergoqp.mocap.markers.fit import places_of_markers
+from ergoqp.mocap.naming import centres_of
 
 BLOCK: Final = 512
 _HALF: Final = {"knee": 0.057, "ankle": 0.043, "elbow": 0.044}

@@ -8,9 +8,9 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.recordings import Recording, fit_postures
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.mocap import Recording, fit_postures
+from ergoqp.mocap.naming import centres_of
+from ergoqp.sheets.description import elevation_of
 
 RATE = 60.0
 BODY = Body.of_stature(1.72)

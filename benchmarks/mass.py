@@ -22,12 +22,11 @@ import mujoco
 import numpy as np
 
 from benchmarks import report
-from ergoqp.problem_files.load import load_problem
+from ergoqp.lab.mass.body import SOFT_ROBOT
+from ergoqp.lab.mass.person import STILL, Mass, MassHolding
+from ergoqp.problem.load import load_problem
+from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.mass.holding import STILL, MassHolding
-from ergoqp.simulation.people.mass.person import Mass
-from ergoqp.simulation.people.mass.table import SOFT_ROBOT
-from ergoqp.simulation.starts import awkward_start
 
 PROBLEMS = ("screwing", "overhead", "low_bin", "dentist", "desk")
 WEIGHT = SOFT_ROBOT.load * 9.81

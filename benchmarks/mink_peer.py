@@ -21,19 +21,28 @@ import mink
 import mujoco
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
-from ergoqp.step.program.data import qp_data
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
-from ergoqp.whole_body.formulation import SETTINGS, SOLVER, Formulation
-from ergoqp.whole_body.limits import ArmBounds, ProblemRows, TwistBounds
-from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.placing import default_base
+from ergoqp.whole_body.formulation import (
+    SETTINGS,
+    SOLVER,
+    ArmBounds,
+    Formulation,
+    Held,
+    NullSpaceTask,
+    ObjectTask,
+    ProblemRows,
+    TwistBounds,
+    at_moment,
+)
+from ergoqp.whole_body.grasp import default_base
 from ergoqp.whole_body.robot import Robot, load_robot
 from ergoqp.whole_body.scene import Load, Scene, carry, default_tool_frame
-from ergoqp.whole_body.stopping import joint_bounds
-from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
-from ergoqp.whole_body.terms import (
+from ergoqp.whole_body.state import (
+    Moment,
+    joint_bounds,
     own_objective,
     pelvis_function,
     person_of,

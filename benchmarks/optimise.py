@@ -44,15 +44,13 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from benchmarks.loops import ABOVE, DURATION, STILL, end_score
+from benchmarks.loops import ABOVE, DURATION, STILL, draw_starts, end_score
 from benchmarks.report import Report, run
-from ergoqp.placing.optimise import optimise
-from ergoqp.placing.start import RESIDUAL
-from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best_place import draw_starts, workspace_map
+from ergoqp.placing.optimise import RESIDUAL, optimise
+from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.rest.best_place import awkward_start, workspace_map
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 100

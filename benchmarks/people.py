@@ -60,9 +60,9 @@ from benchmarks.people_kinds import print_difference
 from benchmarks.people_print import WAYS, print_figures
 from benchmarks.people_unit import run_unit
 from benchmarks.report import Report, run
-from ergoqp.files.whole import write_json
-from ergoqp.problem_files.load import TASKS
-from ergoqp.simulation.people import KINDS
+from ergoqp.files.atomic import write_json
+from ergoqp.problem.load import TASKS
+from ergoqp.simulation.people import kinds as all_kinds
 
 KEPT = ("stepping", "dead_zone")
 """Kinds for judging only."""
@@ -70,7 +70,7 @@ KEPT = ("stepping", "dead_zone")
 JUDGING, TUNING = 1000, 0
 """First seeds of the two."""
 
-OTHERS = tuple(kind for kind in KINDS if kind not in ("alike", "mass"))
+OTHERS = tuple(kind for kind in all_kinds() if kind not in ("alike", "mass"))
 STARTS = 20
 SEEDS = 40
 """Starts that are wanted of a kind and problem, and how many seeds are tried for them."""
@@ -80,7 +80,7 @@ MANY = 6
 """Starts of a quick run."""
 
 _ROOT = Path(__file__).resolve().parent.parent
-_WITHOUT = {"report", "cli", "comparison", "recordings", "studies", "whole_body", "export"}
+_WITHOUT = {"report", "cli", "comparison", "mocap", "whole_body", "export"}
 """Rooms that no loop comes by."""
 
 _LIBRARIES = ("casadi", "daqp", "mujoco", "numpy", "scikit-learn", "scipy")
@@ -191,7 +191,7 @@ def measure(report: Report, options: argparse.Namespace) -> None:
     kinds = tuple(options.kinds.split(",")) if options.kinds else OTHERS
     usual = TASKS if report.full else FEW
     problems = tuple(options.problems.split(",")) if options.problems else usual
-    for what, given, allowed in (("--kinds", kinds, KINDS), ("--problems", problems, TASKS)):
+    for what, given, allowed in (("--kinds", kinds, all_kinds()), ("--problems", problems, TASKS)):
         if unknown := set(given) - set(allowed):
             raise SystemExit(f"{what}: got {sorted(unknown)}, allowed some of {', '.join(allowed)}")
     if options.tuning:

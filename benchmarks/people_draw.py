@@ -16,18 +16,17 @@ from benchmarks.people_way import rested
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.native.compiler import CompilerError, compiler
+from ergoqp.lab.yardstick import Judge, rule_pose
+from ergoqp.native.compiled import CompilerError, compiler
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.population import person_of
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
+from ergoqp.rest.person_protocol import Holding, Person
 from ergoqp.seeking import Place
-from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.yardstick import Judge
 
 ABOVE = 2
 """Starts at rest count from this many points above the best."""

@@ -18,8 +18,8 @@ import numpy as np
 from benchmarks.people_unit import judged
 from benchmarks.report import Report
 from ergoqp.human import Body
+from ergoqp.lab.people.soft import SoftPerson
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.soft_person import SoftPerson
 
 _PLACES = 4
 _SEEDS = (1000, 1001)

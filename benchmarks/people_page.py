@@ -10,10 +10,9 @@ import numpy as np
 
 from benchmarks.people_draw import draw_unit, model_optimum, places_to_try
 from benchmarks.people_figures import Numbers, best_of, end_of, figures_of, table_of
-from ergoqp.files.whole import write_whole
+from ergoqp.files.atomic import write_text_atomic
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.frame import WIDTH, time_axis
-from ergoqp.report.charts.scales import Scale
+from ergoqp.report.charts.axes import WIDTH, Scale, time_axis
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
 from ergoqp.report.run_page import write_run_page
 from ergoqp.simulation.simulate import simulate
@@ -89,7 +88,7 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
     )
     path = folder / "report.html"
     write_page(page, path)
-    write_whole(folder / "tables.md", markdown_of(drawn, ways))
+    write_text_atomic(folder / "tables.md", markdown_of(drawn, ways))
     return path
 
 

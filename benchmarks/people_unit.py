@@ -34,11 +34,11 @@ from benchmarks.people_way import (
     of_trace,
     rested,
 )
-from ergoqp.placing.population import person_of
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.way import between, straight
+from ergoqp.lab.yardstick import Drive, Gradient, Still, rule_pose
+from ergoqp.problem.geometry import between, straight
+from ergoqp.problem.settings import DeclaredRobot
+from ergoqp.rest.model_person import person_of
 from ergoqp.seeking import Seeker
-from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot
 from ergoqp.step.stepper import Stepper

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.loops import power_above
+from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.way import pose_error
-from ergoqp.simulation.loop import Trace, power_above
-from ergoqp.simulation.people.person import Holding
+from ergoqp.rest.person_protocol import Holding
+from ergoqp.simulation.loop import Trace
 
 EARLY = 20.0
 """When the score is looked at a first time [s]."""

@@ -18,14 +18,22 @@ from pink.limits import Limit
 from pink.tasks import Task
 
 from benchmarks.mink_peer import ArmColumns, Call, PeerTimes, resting, timed
-from ergoqp.expressions.evaluator import Evaluator
-from ergoqp.paths import data_folder
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
-from ergoqp.step.program.data import qp_data
-from ergoqp.whole_body.formulation import SETTINGS, SOLVER
-from ergoqp.whole_body.limits import ArmBounds, ProblemRows, TwistBounds
+from ergoqp.registry import data_folder
+from ergoqp.step.qp import qp_data
+from ergoqp.whole_body.formulation import (
+    SETTINGS,
+    SOLVER,
+    ArmBounds,
+    Held,
+    NullSpaceTask,
+    ObjectTask,
+    ProblemRows,
+    TwistBounds,
+    at_moment,
+)
 from ergoqp.whole_body.scene import default_tool_frame
-from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
 
 
 class _Objective(Task):

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ergoqp.expressions.quaternions import matrix_of
+from ergoqp.expressions import matrix_of
 
 
 def pinocchio_model(model: mujoco.MjModel) -> Any:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.coordinates import REPORT_JOINTS
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.joints import INDEX
 from ergoqp.problem.problem import Problem
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.made_motions import Places, fitted, read_angles
 from ergoqp.errors import ErgoqpError, RecordingError
-from ergoqp.recordings import Recording, load_recording
-from ergoqp.recordings.fitting.axes import UPS, axes_of
+from ergoqp.mocap import Recording, load_recording
+from ergoqp.mocap.fitting.axes import UPS, axes_of
 
 Change = Callable[[Places, np.random.Generator], Places]
 """Breaks joint centres."""

@@ -39,13 +39,13 @@ from benchmarks.recording_told import measure_told
 from benchmarks.recording_xsens import xsens
 from benchmarks.report import Report
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.recordings import Recording, fit_postures, load_recording
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.joints import joints_of
-from ergoqp.recordings.markers.fit import places_of_markers
-from ergoqp.recordings.readers import read_motion
+from ergoqp.mocap import Recording, fit_postures, load_recording
+from ergoqp.mocap.joints import joints_of
+from ergoqp.mocap.load import ReadOptions, recording_of
+from ergoqp.mocap.markers.fit import places_of_markers
+from ergoqp.mocap.readers import read_motion
 from ergoqp.sheets import reba
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "mocap"
 VARIES = 8.0
@@ -127,7 +127,7 @@ def opensim(path: Path, *, scapula: bool) -> float:
     if not scapula:
         kept = {name: each for name, each in motion.angles.items() if "scapula" not in name}
         motion = replace(motion, angles=kept)
-    recording = recording_of(motion, path.name, Reading(unit=1.0, up="y"))
+    recording = recording_of(motion, path.name, ReadOptions(unit=1.0, up="y"))
     ours = elevation_of(recording.postures)[0][:, SIDES.index("right")]
     away = np.degrees(ours - motion.angles["shoulder_elv"])[recording.scored]
     return float(np.sqrt(np.mean(away**2)))
@@ -156,7 +156,7 @@ def stooped(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def marker_fit(path: Path) -> tuple[float, float]:
     """Return how far markers are from where they sit, on the fitted and on a standing body [m]."""
     ours, motion = load_recording(path), read_motion(path)
-    found = joints_of(motion, path.name, None, None, None, {})
+    found = joints_of(motion, path.name, ReadOptions())
     poses = ours.base_poses[found.frames]
     pelvis = np.column_stack([poses[:, :3, 3], np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
     postures = ours.postures[found.frames]

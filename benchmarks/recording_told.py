@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Report
-from ergoqp.recordings.assemble import Reading, recording_of
-from ergoqp.recordings.markers.completion import completed
-from ergoqp.recordings.markers.landmarks import best_set
-from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.readers import read_motion
+from ergoqp.mocap.load import ReadOptions, recording_of
+from ergoqp.mocap.markers.fit import completed
+from ergoqp.mocap.naming import best_set
+from ergoqp.mocap.readers import read_motion
+from ergoqp.mocap.recording import JointMotion
 
 PROMISED = 0.025
 
@@ -58,7 +58,7 @@ def told_off(motion: JointMotion, name: str, rows: slice) -> np.ndarray:
     positions = motion.positions.copy()
     positions[rows, i] = np.nan
     gappy = replace(motion, positions=positions)
-    alone = recording_of(gappy, name, Reading(up="z", unit=1.0, completed=True))
+    alone = recording_of(gappy, name, ReadOptions(up="z", unit=1.0, completed=True))
     poses = alone.base_poses
     yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     pelvis = np.column_stack([poses[:, :3, 3], yaw])

@@ -22,9 +22,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.recordings import load_recording
-from ergoqp.recordings.readers import read_motion
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.readers import read_motion
+from ergoqp.sheets.description import elevation_of
 
 _BENT: Final = 20.0
 _SPINE: Final = (

@@ -60,18 +60,17 @@ from benchmarks.recording_references import measure_references
 from benchmarks.report import Report, run
 from ergoqp import reba
 from ergoqp.joints import INDEX, SIDES
-from ergoqp.problem_files.load import load_problem
-from ergoqp.recordings import Recording, load_recording
-from ergoqp.recordings.assemble import CALIBRATION
-from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up
-from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.fitting.leaning import leans
-from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
-from ergoqp.recordings.joints import joints_of
-from ergoqp.recordings.readers import read_motion
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.mocap import Recording, load_recording
+from ergoqp.mocap.assumptions import measured_lengths, suggested_stature
+from ergoqp.mocap.fitting.axes import axes_of, find_unit, find_up, leans
+from ergoqp.mocap.joints import ReadOptions, joints_of
+from ergoqp.mocap.load import CALIBRATION
+from ergoqp.mocap.naming import centres_of
+from ergoqp.mocap.readers import read_motion
+from ergoqp.mocap.recorded import as_recorded
+from ergoqp.problem.load import load_problem
+from ergoqp.sheets.description import elevation_of
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.recorded import as_recorded
 from ergoqp.simulation.simulate import simulate
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "mocap" / "bvh"
@@ -93,7 +92,7 @@ POLE = np.radians(3.0)
 
 def places_of(path: Path) -> Places:
     """Return a file's own joint centres [m], z up."""
-    paths = joints_of(read_motion(path), path.name, None, None, None, {}).centres.paths
+    paths = joints_of(read_motion(path), path.name, ReadOptions()).paths
     stature, up = suggested_stature(measured_lengths(paths)), find_up(paths)
     assert stature is not None
     assert up is not None

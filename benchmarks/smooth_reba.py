@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
 from ergoqp import reba
-from ergoqp.costs.quality import evaluation_time
+from ergoqp.costs.load import evaluation_time
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.joints import JOINTS
 
 Array = NDArray[np.float64]

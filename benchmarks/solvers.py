@@ -7,7 +7,7 @@ ones are made (`ergoqp.comparison.derive`). Every solver stays in memory from on
 where it can (quadprog, piqp and clarabel are called through qpsolvers, which sets them up anew), is
 set to 1e-6, gets everything cold, and, if it can start warm, the recorded sequences warm too. Times
 are of the call from Python, new data included, in one process, the lesser of two passes. What it
-says is judged apart (`ergoqp.solvers.judge`): primal residual, dual residual, gap and signs of
+says is judged apart (`ergoqp.solvers.session`): primal residual, dual residual, gap and signs of
 multipliers, absolute, in the infinity norm. ``--quick`` takes fewer steps, and shorter stretches of
 them.
 
@@ -51,20 +51,16 @@ import casadi as ca
 import numpy as np
 
 from benchmarks.report import Report, run
-from ergoqp.comparison.compare import relatives
-from ergoqp.comparison.figures import figures_of
+from ergoqp.comparison.compare import SolverTrial, figures_of, relatives, try_solver
 from ergoqp.comparison.record import RecordedQps, record
-from ergoqp.comparison.trial import SolverTrial, try_solver
 from ergoqp.limits import WorkspaceBox
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import SOLVERS, installed_solvers, solver_named
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import Array, Qp, QpSequence
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.session import Array, Qp, QpAnswer, QpSequence, judge
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.qp import TOLERANCE, build_qp
+from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.stepper import Stepper
 
 PROBLEMS = (*TASKS, "screwing_learned", "forearm")

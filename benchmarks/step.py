@@ -51,11 +51,11 @@ from benchmarks.step_c import c_times
 from benchmarks.step_phases import phases_us
 from benchmarks.step_stop import from_full_speed, stop_c_us, stop_difference, stop_us
 from ergoqp.joints import LOWER, UPPER
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.step.program.data import qp_data
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.timing import benchmark_step
 

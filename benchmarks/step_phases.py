@@ -14,13 +14,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import QP_DATA, qp_data
-from ergoqp.step.program.objective import cost_function, gain_function
-from ergoqp.step.program.qp import build_qp
+from ergoqp.step.objective import cost_function, gain_function
+from ergoqp.step.qp import QP_DATA, build_qp, qp_data
 from ergoqp.step.stepper import Stepper
 
 

@@ -8,15 +8,14 @@ import time
 import numpy as np
 
 from benchmarks.step_worker import ALL
-from ergoqp.native.compiler import shared_library
-from ergoqp.native.daqp import c_text
+from ergoqp.native.compiled import c_text, shared_library
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.seeking.thought import a_place
+from ergoqp.problem.settings import DeclaredRobot
+from ergoqp.seeking.seeker import a_place
+from ergoqp.step.certification import longest_stop, stop_function
 from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.stopping import longest_stop, stop_function
 
 _TIMED = """
 #define _POSIX_C_SOURCE 199309L

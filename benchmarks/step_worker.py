@@ -42,7 +42,7 @@ def main(folder: str, form: str, declared: str, seconds: str) -> None:
 
     problem: Any = ergoqp.load_problem("screwing")
     if declared == "1":
-        from ergoqp.problem.robot import DeclaredRobot
+        from ergoqp.problem.settings import DeclaredRobot
 
         problem = problem.replace(robot=DeclaredRobot(**ALL))
     calls = of_version.trajectory(problem, ergoqp.Stepper(problem), float(seconds)).calls

@@ -40,20 +40,19 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS, Coordinates
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.from_sklearn import from_sklearn
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.ladder import OneClassLadder
-from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.load import load_cost
+from ergoqp.costs.load import evaluation_time, load_cost, quality_of
 from ergoqp.costs.neural import Neural
+from ergoqp.costs.one_class_ladder import OneClassLadder
 from ergoqp.costs.quadratic import Quadratic
-from ergoqp.costs.quality import evaluation_time, quality_of
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
 from ergoqp.joints import SIDES
-from ergoqp.paths import data_folder
+from ergoqp.registry import data_folder
 from ergoqp.sheets.options import Method, sheet_of
 
 SEED, UNSEEN = 0, 2024

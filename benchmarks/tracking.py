@@ -72,11 +72,11 @@ from benchmarks.tracking_judges import Found
 from benchmarks.tracking_loops import drive, driven, stepper_of
 from benchmarks.tracking_robots import NONE, Case, cases
 from benchmarks.tracking_twists import LIES, NOISES, believed, drive_blind
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.problem.settings import DeclaredRobot
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 REPORTS = ("pose", "twist", "both", "lost", "nothing")

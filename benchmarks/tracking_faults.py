@@ -20,11 +20,9 @@ from numpy.typing import ArrayLike
 
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
-from ergoqp.problem.control import Control
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.stepper import Stepper
 

@@ -15,11 +15,10 @@ from benchmarks.tracking_judges import Faults, Found, Sent, outside
 from benchmarks.tracking_robots import Case, OddRobot, period, told
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.workspace import frame_of
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.step.model import stand_in
 from ergoqp.step.stepper import Stepper
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 
 NONE = DeclaredRobot()

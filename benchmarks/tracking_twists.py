@@ -17,7 +17,7 @@ from benchmarks.tracking_faults import driven_problem
 from benchmarks.tracking_judges import outside
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 

@@ -3,7 +3,7 @@
 It shows whether the twist is that of the fast step, and whether distance and joint limits are kept.
 
 Run ``python -m benchmarks.whole_body [--quick | --full] [--json FILE]``. Every problem is run with
-the Panda of ``models/panda.xml``, its base where `ergoqp.whole_body.placing.default_base` puts it,
+the Panda of ``models/panda.xml``, its base where `ergoqp.whole_body.grasp.default_base` puts it,
 from awkward starts (each the worst of ten random places) of simulated people whose joint weights
 are not the controller's, whose body is; they follow with a delay of 150 ms. Starts at which the arm
 cannot hold the object, with the distance kept, are counted as ``unreachable`` and left out.
@@ -48,12 +48,12 @@ from benchmarks.mink_peer import mink_steps
 from benchmarks.report import Report, run
 from benchmarks.step import time_calls, trajectory
 from ergoqp.errors import InputError
+from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import ModelPerson, sample_person
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import Alike, sample_person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import Robot, WholeBody, load_robot
 from ergoqp.whole_body.loop import EXACT, WholeBodyTrace, run_whole_body
@@ -123,7 +123,12 @@ def loops_of_person(name: str, seed: int, count: int, duration: float) -> tuple[
         _with_distance(found, problem, whole, person, posture, duration, 1000 * seed + number)
         free = WholeBody(problem, unlimited(), posture=posture, distance=None)
         trace = run_whole_body(
-            free, person, posture, duration=duration / 2, seed=1000 * seed + number, senses=Senses()
+            free,
+            person,
+            posture,
+            duration=duration / 2,
+            seed=1000 * seed + number,
+            senses=SensorModel(),
         )
         found.differences += differences(trace)
     return name, found
@@ -144,7 +149,7 @@ def _with_distance(
     found: Found,
     problem: Problem,
     whole: WholeBody,
-    person: Alike,
+    person: ModelPerson,
     posture: np.ndarray,
     duration: float,
     seed: int,
@@ -171,7 +176,9 @@ def _with_distance(
     )
     found.still.append(int(problem.assess(alone if reached else posture).final[0]))
     found.slower.append(float(np.mean([step.status == "slower" for step in trace.steps])))
-    noisy = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=Senses())
+    noisy = run_whole_body(
+        whole, person, posture, duration=duration, seed=seed, senses=SensorModel()
+    )
     found.noisy.append(min(noisy.distances))
     speed = problem.twist_limit.speed
     twists = np.abs([step.twist for step in noisy.steps])[:, speed > 0]
@@ -243,7 +250,9 @@ def _times(report: Report, duration: float) -> None:
     whole, person, posture = _first_loop(problem)
     taken = [
         step.solve_time
-        for step in run_whole_body(whole, person, posture, duration=duration, senses=Senses()).steps
+        for step in run_whole_body(
+            whole, person, posture, duration=duration, senses=SensorModel()
+        ).steps
     ]
     report.figure("step_us", 1e6 * float(np.median(taken)), "the whole body's step, median")
     report.figure("step_p99_us", 1e6 * float(np.percentile(taken, 99)))
@@ -270,7 +279,7 @@ def _times(report: Report, duration: float) -> None:
         report.figure(name, float(np.median(times.whole_us)), meaning)
 
 
-def _first_loop(problem: Problem) -> tuple[WholeBody, Alike, np.ndarray]:
+def _first_loop(problem: Problem) -> tuple[WholeBody, ModelPerson, np.ndarray]:
     # IkResponse.
     person = sample_person(problem, 0, body=problem.response.body)  # pyright: ignore
     posture = awkward_start(problem, person, 0, PLACES)

@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.image import imsave
 
 import ergoqp
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.whole_body import WholeBody
 from ergoqp.whole_body.loop import run_whole_body
 

@@ -25,41 +25,41 @@ if TYPE_CHECKING:
     from ergoqp.costs.load import load_cost as load_cost
     from ergoqp.identification.calibrate import calibrate_frames as calibrate_frames
     from ergoqp.identification.identify import identify as identify
+    from ergoqp.mocap.load import fit_postures as fit_postures
+    from ergoqp.mocap.load import load_recording as load_recording
     from ergoqp.placing.optimise import optimise as optimise
-    from ergoqp.problem.control import Control as Control
-    from ergoqp.problem.frames import Frames as Frames
+    from ergoqp.problem.load import load_problem as load_problem
     from ergoqp.problem.problem import Problem as Problem
-    from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
-    from ergoqp.problem_files.load import load_problem as load_problem
-    from ergoqp.recordings.load import fit_postures as fit_postures
-    from ergoqp.recordings.load import load_recording as load_recording
+    from ergoqp.problem.settings import Control as Control
+    from ergoqp.problem.settings import DeclaredRobot as DeclaredRobot
+    from ergoqp.problem.settings import Frames as Frames
     from ergoqp.seeking.seeker import Seeker as Seeker
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
-    from ergoqp.step.answer.step import Step as Step
+    from ergoqp.step.answer import Step as Step
+    from ergoqp.step.function import initial_state as initial_state
     from ergoqp.step.function import step_function as step_function
     from ergoqp.step.replay import replay as replay
-    from ergoqp.step.state import initial_state as initial_state
     from ergoqp.step.stepper import Stepper as Stepper
     from ergoqp.step.timing import benchmark_step as benchmark_step
 
 _LATER = {
-    "Control": "ergoqp.problem.control",
-    "DeclaredRobot": "ergoqp.problem.robot",
-    "Frames": "ergoqp.problem.frames",
+    "Control": "ergoqp.problem.settings",
+    "DeclaredRobot": "ergoqp.problem.settings",
+    "Frames": "ergoqp.problem.settings",
     "Problem": "ergoqp.problem.problem",
     "Seeker": "ergoqp.seeking.seeker",
-    "Step": "ergoqp.step.answer.step",
+    "Step": "ergoqp.step.answer",
     "Stepper": "ergoqp.step.stepper",
     "benchmark_step": "ergoqp.step.timing",
     "calibrate_frames": "ergoqp.identification.calibrate",
     "compare": "ergoqp.comparison.compare",
-    "fit_postures": "ergoqp.recordings.load",
+    "fit_postures": "ergoqp.mocap.load",
     "identify": "ergoqp.identification.identify",
-    "initial_state": "ergoqp.step.state",
+    "initial_state": "ergoqp.step.function",
     "load_cost": "ergoqp.costs.load",
-    "load_problem": "ergoqp.problem_files.load",
-    "load_recording": "ergoqp.recordings.load",
+    "load_problem": "ergoqp.problem.load",
+    "load_recording": "ergoqp.mocap.load",
     "optimise": "ergoqp.placing.optimise",
     "replay": "ergoqp.step.replay",
     "simulate": "ergoqp.simulation.simulate",
@@ -69,32 +69,7 @@ _LATER = {
 _EXTRAS = {"whole_body": "mink"}
 """Folders that can only be imported if a package is installed, by folder; an extra installs it."""
 
-__all__ = [
-    "JOINTS",
-    "Control",
-    "DeclaredRobot",
-    "Frames",
-    "Problem",
-    "Seeker",
-    "Step",
-    "Stepper",
-    "__version__",
-    "benchmark_step",
-    "calibrate_frames",
-    "compare",
-    "errors",
-    "fit_postures",
-    "identify",
-    "initial_state",
-    "load_cost",
-    "load_problem",
-    "load_recording",
-    "optimise",
-    "reba",
-    "replay",
-    "simulate",
-    "step_function",
-]
+__all__ = ["JOINTS", "__version__", "errors", "reba", *_LATER]  # pyright: ignore
 
 
 def __getattr__(name: str) -> Any:

@@ -16,27 +16,16 @@ from ergoqp.joints import INDEX, JOINTS, UPPER_BODY
 FOREARM: Final[tuple[str, ...]] = ("elbow_x", "elbow_y", "elbow_z", "wrist_x", "wrist_y", "wrist_z")
 """State of the problem ``forearm``: elbow and wrist of the right arm in the pelvis frame [m]."""
 
+_KNEES: Final = ("right_knee_flexion", "left_knee_flexion")
+
 REPORT_JOINTS: Final[tuple[str, ...]] = (
-    *JOINTS[:6],
-    *(
-        f"{side}_{joint}"
-        for side in ("right", "left")
-        for joint in (
-            "shoulder_flexion",
-            "shoulder_abduction",
-            "elbow_flexion",
-            "forearm_pronation",
-            "wrist_flexion",
-            "wrist_deviation",
-        )
-    ),
-    "right_knee_flexion",
-    "left_knee_flexion",
+    *(joint for joint in UPPER_BODY if not joint.endswith("shoulder_rotation")),
+    *_KNEES,
 )
 """The EPFL report's 20 joints: neck 3, trunk 3, knees 2, per arm shoulder 2, elbow 1, wrist 3."""
 
 
-SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, "right_knee_flexion", "left_knee_flexion")
+SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, *_KNEES)
 """The 22 joints that the sheet reads: those of the report, and the rotation of both shoulders."""
 
 
@@ -115,9 +104,23 @@ class Coordinates:
             )
         return rows[:, self.indices]
 
+    def rows(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return inputs (n, d), or (d,) for one, as an array (n, d).
+
+        Raises:
+            InputError: if the shape is wrong.
+        """
+        rows = np.atleast_2d(np.asarray(points, dtype=float))
+        if rows.ndim != 2 or rows.shape[1] != len(self):
+            raise InputError(
+                f"points: got shape {np.shape(points)}, allowed (n, {len(self)}):"
+                f" {', '.join(self.names)}"
+            )
+        return rows
+
     def spread(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return states (n, N) from inputs (n, d). All other entries are zero."""
-        rows = np.atleast_2d(np.asarray(points, dtype=float))
+        rows = self.rows(points)
         states = np.zeros((len(rows), len(self.state)))
         states[:, self.indices] = rows
         return states

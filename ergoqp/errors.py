@@ -46,9 +46,7 @@ class OutOfReachError(InputError):
 
 
 class WorkersError(ErgoqpError):
-    """The worker processes that should have solved the starts are gone.
-
-    Starts that were finished before are in the ledger, if there is one.
+    """The processes or the cluster that should have done the work are gone.
 
     Example:
         >>> from ergoqp.errors import ErgoqpError, WorkersError
@@ -141,6 +139,11 @@ class ModelError(ErgoqpError):
         ...     print(str(error).split(":")[0])
         nowhere.npz
     """
+
+
+def last_line(error: BaseException) -> str:
+    """Return the last line of an error, which says most of those of CasADi; else its type."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[-1]
 
 
 def in_words(error: BaseException) -> str:

@@ -1,17 +1,49 @@
-"""The user's own terms, by the names that problem files and commands use.
+"""What is found outside the code: folders of data and cache, and terms that packages register.
 
-A package registers terms as entry points, with one group per kind. A term is imported only
-when it is named. `examples/own_terms` is such a package. A name must be unique: a name that
-two packages register, or that ergoqp itself has, is refused when it is used.
+The user's own terms, by the names that problem files and commands use. A package registers terms as
+entry points, with one group per kind. A term is imported only when it is named.
+`examples/own_terms` is such a package. A name must be unique: a name that two packages register, or
+that ergoqp itself has, is refused when it is used.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, Final
 
-from ergoqp.errors import InputError, in_words
+from ergoqp.errors import ErgoqpError, InputError, in_words
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_folder(name: str) -> Path:
+    """Return the folder ``models`` or ``problems`` of this installation.
+
+    It is inside the package (a wheel), or else beside it (a checkout or an editable install).
+
+    Args:
+        name: ``"models"`` or ``"problems"``.
+
+    Raises:
+        ErgoqpError: if it is in neither place. The installation is then broken.
+    """
+    for parent in (_PACKAGE, _PACKAGE.parent):
+        folder = parent / name
+        if folder.is_dir():
+            return folder
+    raise ErgoqpError(
+        f"the data folder {name!r} is missing from this installation of ergoqp; reinstall the"
+        " package"
+    )
+
+
+def cache_folder() -> Path:
+    """Return the user's cache folder for ergoqp: below ``XDG_CACHE_HOME``, else ``~/.cache``."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ergoqp"
+
 
 GROUPS: Final = {
     "cost": "ergoqp.costs",
@@ -19,6 +51,7 @@ GROUPS: Final = {
     "response": "ergoqp.responses",
     "solver": "ergoqp.solvers",
     "reader": "ergoqp.readers",
+    "person": "ergoqp.people",
 }
 """Groups of entry points by kind of term."""
 

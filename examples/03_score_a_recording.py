@@ -13,7 +13,7 @@ import numpy as np
 
 import ergoqp
 from ergoqp import reba
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap.demo_recording import demo_recording
 
 if len(sys.argv) > 1:
     recording = ergoqp.load_recording(sys.argv[1])

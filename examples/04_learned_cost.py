@@ -10,7 +10,7 @@ from pathlib import Path
 
 import ergoqp
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.quality import quality_of
+from ergoqp.costs.load import quality_of
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import OneClass

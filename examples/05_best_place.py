@@ -7,14 +7,14 @@ from collections import Counter
 
 import ergoqp
 from ergoqp.human import Body
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import ModelPerson
 
 problem = ergoqp.load_problem("low_bin")  # a bin at knee height that a lift can move a little
 
 # How the person holds the bin now: here at an awkward place, yours may come from
 # `ergoqp.load_recording(...).postures`.
-now = awkward_start(problem, Alike(problem.response), seed=0)
+now = awkward_start(problem, ModelPerson(problem.response), seed=0)
 
 # Twelve starts at random places; each ends where the person comes to rest, scored by the exact
 # sheet.

@@ -1,8 +1,8 @@
 """One fixed place of the object for several people, and what each of them pays for sharing it."""
 
 import ergoqp
-from ergoqp.placing.group.optimise import best_for_group
-from ergoqp.placing.population import variant
+from ergoqp.lab.group import best_for_group
+from ergoqp.lab.population import variant
 
 # The same task with a heavier drill; `hands=` and `stature=` are there too.
 problem = variant(ergoqp.load_problem("overhead"), load_kg=3.0)

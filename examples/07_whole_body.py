@@ -8,8 +8,8 @@ Needs the extra ``mink``: ``pip install 'ergoqp[mink]'``.
 import numpy as np
 
 import ergoqp
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.whole_body import WholeBody
 from ergoqp.whole_body.loop import run_whole_body
 

@@ -15,7 +15,7 @@ from matplotlib.patches import Ellipse
 
 from ergoqp.costs.gmr import Gmr
 from ergoqp.datasets.data import DataSet
-from ergoqp.studies.policy import RadialFeatures, solve, train
+from ergoqp.lab.policy import RadialFeatures, solve, train
 
 LOW, HIGH, BEST = -6.0, 6.0, np.sqrt(15)
 GAUSSIANS, BUMPS = 8, 10

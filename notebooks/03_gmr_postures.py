@@ -26,7 +26,7 @@ from ergoqp.costs.gmr import Gmr, bic_curve
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import interval_labels, posture_data
-from ergoqp.learning.mixture_regression import MixtureRegression
+from ergoqp.learning.mixtures import MixtureRegression
 
 PER_SCORE = studies.size(80, 1000)
 GAUSSIANS = studies.size(8, 24)

@@ -18,7 +18,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVR
 
 from ergoqp.costs.from_sklearn import from_sklearn
-from ergoqp.costs.quality import quality_of
+from ergoqp.costs.load import quality_of
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data

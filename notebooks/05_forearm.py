@@ -19,13 +19,18 @@ import studies
 from matplotlib import pyplot as plt
 
 from ergoqp.human.forearm import forearm_length
+from ergoqp.lab.forearm import forearm_data, nearest_sample_cost, true_cost
+from ergoqp.lab.forearm_models import (
+    added,
+    descend,
+    fit_forearm_models,
+    slope_of,
+    toward_class_below,
+)
 from ergoqp.limits import ArmLength, OneClassBoundary
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
-from ergoqp.studies.forearm import forearm_data, nearest_sample_cost, true_cost
-from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
-from ergoqp.studies.forearm.models import fit_forearm_models
 
 models = fit_forearm_models(per_score=studies.size(150, 3000), rows=studies.size(200, 3000))
 data = forearm_data(studies.size(150, 1000))

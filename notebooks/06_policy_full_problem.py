@@ -14,9 +14,9 @@ import studies
 from matplotlib import pyplot as plt
 
 from ergoqp import load_problem
-from ergoqp.simulation.best_place import workspace_map
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.studies.policy import RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
+from ergoqp.lab.policy import RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
+from ergoqp.rest.best_place import workspace_map
+from ergoqp.rest.model_person import sample_person
 
 problem = load_problem("screwing")
 SPACING = studies.size(0.5, 0.2)

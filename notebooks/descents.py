@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.spatial import KDTree
 
 from ergoqp.coordinates import Coordinates
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.sheets import reba

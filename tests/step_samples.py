@@ -10,10 +10,9 @@ import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Step, Stepper
 
@@ -124,7 +123,7 @@ def near_comfort(name: str, rng: np.random.Generator, spread_deg: float = 8.0) -
 
 def held_pose(name: str) -> np.ndarray:
     """A pose well inside the workspace, its tool in the middle of the cone."""
-    from ergoqp.problem.workspace import frame_of
+    from ergoqp.problem.geometry import frame_of
 
     problem = problem_of(name)
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)

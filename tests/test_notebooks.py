@@ -23,6 +23,7 @@ def settings(tmp_path_factory):
     return tmp_path_factory.mktemp("matplotlib")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_runs_at_its_small_size(name, settings):
     before = {path.name: path.stat().st_mtime_ns for path in (FOLDER / "figures").glob("*")}

@@ -1,6 +1,7 @@
 """Terms of a user's own: one example wheel with all five, installed and used."""
 
 import importlib
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -13,12 +14,13 @@ import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone
-from ergoqp.problem_files import own_terms
-from ergoqp.problem_files.load import load_problem, problem_from_dict
-from ergoqp.recordings.load import load_recording
+from ergoqp.mocap.demo_recording import demo_recording
+from ergoqp.mocap.load import load_recording
+from ergoqp.mocap.readers import read_motion
+from ergoqp.problem import schema as own_terms
+from ergoqp.problem.load import load_problem, problem_from_dict
 from ergoqp.registry import GROUPS, registered
 from ergoqp.responses import IkResponse
-from ergoqp.simulation.demo_recording import demo_recording
 from ergoqp.simulation.robot import moved
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "own_terms"
@@ -82,6 +84,7 @@ def test_a_problem_file_names_limit_cost_and_response(problem):
     assert problem.response.weight_vector[trunk] == 20.0 > plain.weight_vector[trunk]
 
 
+@pytest.mark.slow
 def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
     q = (
         np.asarray(problem.response.comfort)
@@ -104,7 +107,7 @@ def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
 
 def test_a_recording_is_read_by_the_own_reader(on_path, tmp_path):
     demo_recording(tmp_path / "demo.bvh")
-    from ergoqp.recordings.bvh.read import read_bvh
+    from ergoqp.mocap.formats.bvh import read_bvh
 
     motion = read_bvh(tmp_path / "demo.bvh")
     head = " ".join(["time", *(f"{name}.{axis}" for name in motion.names for axis in "xyz")])
@@ -128,7 +131,7 @@ def test_a_recording_is_read_by_the_own_reader(on_path, tmp_path):
         (b"time a.x a.y a.z\n", r"got 0 frames that do not fit the first line, allowed at least"),
         (b"time a.x a.y a.z\n1 2\n", r"got 1 frames that do not fit .* each of 4 numbers"),
         (b"time a.x a.y a.z\n1 2 3 4\n1 2\n", r"got setting an array element"),
-        (None, r"got No such file"),
+        (None, "cannot be read: No such file"),
     ],
 )
 def test_the_own_reader_refuses_what_is_no_such_file(on_path, tmp_path, content, sentence):
@@ -136,6 +139,51 @@ def test_the_own_reader_refuses_what_is_no_such_file(on_path, tmp_path, content,
         (tmp_path / "bad.centres").write_bytes(content)
     with pytest.raises(RecordingError, match=rf"^bad\.centres: {sentence}"):
         load_recording(tmp_path / "bad.centres")
+
+
+BONE = "time,x,y,z,q0,q1,q2,q3\n0,1,2,3,1,0,0,0\n1,1.5,2,3,0.8,0,0,0.6\n"
+
+
+def test_a_folder_is_read_by_an_own_reader(on_path, tmp_path):
+    folder = tmp_path / "small.poses"
+    folder.mkdir()
+    (folder / "hand.csv").write_text(BONE)
+    (folder / "take.toml").write_text('rate = 50\norder = "wxyz"\n')
+    motion = read_motion(folder)
+    assert motion.names == ("hand",)
+    assert motion.positions.tolist() == [[[1, 2, 3]], [[1.5, 2, 3]]]
+    assert motion.turns["hand"] == pytest.approx(np.array([[0, 0, 0, 1], [0, 0, 0.6, 0.8]]))
+    assert motion.time.tolist() == [0, 0.02]
+    for content, words in (
+        (BONE + "1,2\n", "got setting an array element .*, allowed numbers below the names"),
+        ("a,b\n1,2\n", "got 'x' is not in list, allowed numbers below"),
+        ("", "got not enough values"),
+    ):
+        (folder / "hand.csv").write_text(content)
+        with pytest.raises(RecordingError, match=rf"^small\.poses/hand\.csv: {words}"):
+            read_motion(folder)
+    (folder / "hand.csv").unlink()
+    with pytest.raises(RecordingError, match=r"^small\.poses: got 0 tables, allowed one per bone"):
+        read_motion(folder)
+    (folder / "take.toml").write_text("rate = 0\n")
+    with pytest.raises(RecordingError, match=r"take\.toml: got order '' and rate 0, allowed an"):
+        read_motion(folder)
+
+
+def test_the_bones_of_a_handover_are_a_posture(on_path, shared, tmp_path):
+    """The same take, once as a table per bone and once as a take of Motive."""
+    folder = tmp_path / "giver.poses"
+    folder.mkdir()
+    for path in (shared / "mocap" / "kth_handover_giver").glob("giver_*.csv"):
+        name = path.name.removeprefix("giver_").removesuffix("_pose_saved.csv")
+        shutil.copy(path, folder / f"{name}.csv")
+    (folder / "take.toml").write_text('rate = 120\norder = "xyzw"\n')
+    told = read_motion(folder)
+    take = read_motion(shared / "mocap" / "motive" / "derived_motive_skeleton_giver.csv")
+    for name in told.names:
+        same = f"Giver:{name}"
+        np.testing.assert_allclose(told.of(name), take.of(same), atol=2e-6)
+        np.testing.assert_allclose(told.turns[name], take.turns[same], atol=2e-6)
 
 
 def test_mistakes_in_their_tables_are_sentences(on_path):

@@ -105,7 +105,8 @@ def test_wheel_holds_the_data(distributions):
 def test_source_distribution_holds_everything(distributions):
     with tarfile.open(distributions[1]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    for kind in ("ergoqp", "models", "problems", "examples", "docs", "tests", "benchmarks"):
+    kinds = ("ergoqp", "models", "problems", "examples", "docs", "tests", "benchmarks", "tools")
+    for kind in kinds:
         for path in (ROOT / kind).rglob("*"):
             # The pages of the reference are made when the site is built.
             made = "__pycache__" in path.parts or path.parent == ROOT / "docs" / "reference"
@@ -124,8 +125,8 @@ def test_source_distribution_holds_everything(distributions):
 
 def test_wheel_works_elsewhere(installed, tmp_path):
     code = (
-        "import ergoqp; from pathlib import Path; from ergoqp.human import Body; from ergoqp.paths"
-        " import data_folder\nassert data_folder('models').parent =="
+        "import ergoqp; from pathlib import Path; from ergoqp.human import Body\n"
+        "from ergoqp.registry import data_folder\nassert data_folder('models').parent =="
         " Path(ergoqp.__file__).parent\nprint(ergoqp.__file__,"
         " ergoqp.load_problem('screwing').name, Body().model.nq)"
     )
@@ -134,6 +135,7 @@ def test_wheel_works_elsewhere(installed, tmp_path):
     assert (name, size) == ("screwing", "36")
 
 
+@pytest.mark.slow
 def test_command_of_the_wheel(installed, tmp_path):
     command = installed.parent / "ergoqp"
     assert call(command, "--version", cwd=tmp_path) == f"ergoqp {ergoqp.__version__}\n"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ergoqp.arguments import check_number
+from ergoqp.arguments import check_number, perhaps
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.units import perhaps
 
 
 @pytest.mark.parametrize(

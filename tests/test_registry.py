@@ -7,9 +7,10 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
-from ergoqp.problem_files.load import problem_from_dict
-from ergoqp.recordings.load import load_recording
+from ergoqp.mocap.load import load_recording
+from ergoqp.problem.load import problem_from_dict
 from ergoqp.registry import GROUPS
+from ergoqp.simulation.people import kinds
 from ergoqp.solvers import solver_named
 
 
@@ -93,6 +94,18 @@ def test_an_ending_has_no_case(installed, tmp_path):
         load_recording(tmp_path / "take.centres")
 
 
+@pytest.mark.slow
 def test_terms_of_other_names_leave_the_step_alone(installed):
     installed("theirs", "solver", "highs", "json:loads")
     assert ergoqp.Stepper(ergoqp.load_problem("screwing")).dt > 0
+
+
+def test_people_like_the_model_that_a_package_registers_too_are_refused(installed):
+    installed("theirs", "person", "alike", "json:loads")
+    with pytest.raises(InputError, match=r"person alike: got an entry point of theirs, allowed"):
+        kinds()
+
+
+def test_people_who_are_registered_later_are_known(installed):
+    installed("theirs", "person", "newcomer", "json:loads")
+    assert "newcomer" in kinds()

@@ -17,8 +17,8 @@ import ergoqp
 from ergoqp import reba
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.joints import INDEX, JOINTS
+from ergoqp.rest.best_place import awkward_start
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.starts import awkward_start
 
 TEAL, ORANGE, GREY = "#0f766e", "#c2410c", "#6b7280"
 
@@ -54,7 +54,7 @@ def stopping_speed(axes: Any) -> None:
     dt, a = 0.01, 0.6
     distance = np.linspace(0, 0.0006, 400)
     knee = a * dt**2
-    # As `ergoqp.limits.stop.Braking.fastest`.
+    # As `ergoqp.limits.twist_and_stopping.Braking.fastest`.
     exact = (
         np.sqrt(a * (2 * np.maximum(distance, knee) - knee)) + np.minimum(distance - knee, 0) / dt
     )

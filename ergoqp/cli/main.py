@@ -7,18 +7,29 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any, Final
 
 import typer
+from typer.core import TyperGroup
 
-# The imports register the commands.
 from ergoqp._version import __version__
-from ergoqp.cli import person, places, tools  # noqa: F401
-from ergoqp.cli.app import app
 from ergoqp.errors import ErgoqpError
 
 DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses."""
+
+COMMANDS: Final = {
+    "run": "Close the loop of a problem with a simulated person.",
+    "score": "Score every frame of a recording by REBA.",
+    "optimise": "Look for the best place of the object, offline.",
+    "group": "Look for one best place for several people.",
+    "population": "Look for everybody's own best place.",
+    "fit": "Learn a cost from labelled postures.",
+    "compare": "Compare QP solvers on the QPs of a problem.",
+    "export": "Write the control step of a problem as C99.",
+}
+"""The commands, each a file of this folder with a function ``command``, and what each is for."""
 
 # Lines after \b are not rewrapped, down to the next empty line.
 _ABOUT = """Move the object so that the person's posture gets better.
@@ -35,6 +46,39 @@ Examples:
 
 Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
 """
+
+
+class _Commands(TyperGroup):
+    """The commands, of which only the one that is asked for is imported."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment]  # for suggestions
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"ergoqp.cli.{cmd_name}")
+        single = typer.Typer(**_SETTINGS)
+        single.command(cmd_name, help=module.ABOUT)(module.command)
+        return typer.main.get_command(single)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+_SETTINGS: Final[dict[str, Any]] = {
+    "add_completion": False,
+    "rich_markup_mode": None,
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 110},
+}
+
+app = typer.Typer(name="ergoqp", cls=_Commands, **_SETTINGS)
 
 
 def _print_version(wanted: bool) -> None:
@@ -100,12 +144,8 @@ def _with_got(words: str, error: Exception, arguments: Sequence[str]) -> str:
         found = [given[i + 1] for i, each in enumerate(given[:-1]) if each == option]
         found += [each.partition("=")[2] for each in arguments if each.startswith(f"{option}=")]
         if found and "got" not in words and repr(found[-1]) not in words:
-            allowed = (
-                words.partition(": ")[2]
-                .removeprefix("Input should be ")
-                .partition(",")[0]
-                .rstrip(".")
-            )
+            said = words.partition(": ")[2].removeprefix("Input should be ")
+            allowed = said.partition(",")[0].rstrip(".")
             return f"{option}: got {found[-1]!r}, allowed {allowed}"
     return words
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.solvers.sequence import Array, Qp, QpSequence
+from ergoqp.solvers.session import Array, Qp, QpSequence
 
 CURVATURE: Final = 1e-8
 """Near singular: the smaller half of the eigenvalues of H, relative to the largest."""

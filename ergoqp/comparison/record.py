@@ -1,12 +1,16 @@
-"""The QPs of real closed loops.
+"""The QPs of real closed loops, and sequences of QPs as files for qpbenchmark.
 
 A run is logged, and its steps are computed again with a solver that records its QPs.
+
+Sequences of QPs as files for qpbenchmark. `ergoqp.comparison.ergoqp_sequences` describes their
+content.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import casadi as ca
@@ -14,24 +18,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.datasets.sampler import balanced_postures
-from ergoqp.errors import InputError
+from ergoqp.datasets.postures import balanced_postures
+from ergoqp.errors import InputError, ModelError
+from ergoqp.files.atomic import atomic_write, write_text_atomic
+from ergoqp.files.read import read_npz
 from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import in_world, run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.solvers.daqp import Daqp
-from ergoqp.solvers.sequence import Qp, QpSequence
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.session import Qp, QpAnswer, QpSequence
 from ergoqp.solvers.solver import NumericFunction, numeric
-from ergoqp.step.function import build_step
-from ergoqp.step.inputs import INPUTS, OUTPUTS
+from ergoqp.step.function import INPUTS, OUTPUTS, build_step
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.qp import TOLERANCE
+from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
 STILL: Final = 1.0
@@ -185,4 +189,67 @@ def _run(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
         seed=seed,
         controller=stepper,
         stop_when_still=STILL,
+    )
+
+
+_NAMES = ("P", "q", "G", "h", "lb", "ub", "feasible", "follows")
+
+
+def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[Path]:
+    """Write one ``.npz`` file per sequence, and beside the folder the test set for qpbenchmark.
+
+    Args:
+        sequences: any sequences.
+        folder: target folder; it is made if it does not exist. Files of other sequences in it stay.
+
+    Returns:
+        The paths of the sequences.
+
+    Raises:
+        OSError: if the files cannot be written.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    # As text: importing it needs qpbenchmark.
+    test_set = Path(__file__).with_name("ergoqp_sequences.py")
+    write_text_atomic(folder.parent / test_set.name, test_set.read_text(encoding="utf-8"))
+    paths = []
+    for sequence in sequences:
+        path = folder / f"{sequence.name}.npz"
+        A = np.array([qp.A for qp in sequence])
+        with atomic_write(path) as scratch:
+            np.savez_compressed(
+                scratch,
+                P=np.array([qp.H for qp in sequence]),
+                q=np.array([qp.g for qp in sequence]),
+                G=np.concatenate([A, -A], axis=1),
+                h=np.array([np.concatenate([qp.ubA, -qp.lbA]) for qp in sequence]),
+                lb=np.array([qp.lb for qp in sequence]),
+                ub=np.array([qp.ub for qp in sequence]),
+                feasible=np.array(sequence.feasible),
+                follows=np.array(sequence.follows),
+            )
+        paths.append(path)
+    return paths
+
+
+def load_sequence(path: str | Path) -> QpSequence:
+    """Return a sequence from its file.
+
+    Raises:
+        InputError: if it is not such a file.
+    """
+    path = Path(path)
+    try:
+        arrays = read_npz(path, _NAMES)
+    except ModelError as error:
+        raise InputError(f"sequence: {error}") from None
+    P, q, G, h, lb, ub, feasible, follows = (arrays[name] for name in _NAMES)
+    half = h.shape[1] // 2
+    data = zip(P, q, G[:, :half], -h[:, half:], h[:, :half], lb, ub, strict=True)
+    return QpSequence(
+        path.stem,
+        tuple(Qp(*map(np.ascontiguousarray, parts)) for parts in data),
+        bool(feasible),
+        bool(follows),
     )

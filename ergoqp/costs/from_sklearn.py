@@ -11,15 +11,16 @@ is ever unpickled.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.reduce import Reduction
+from ergoqp.costs.svr import KernelCost, Reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
@@ -39,7 +40,7 @@ _ALLOWED: Final = (
 )
 
 
-class SklearnCost(LearnedCost):
+class SklearnCost(KernelCost):
     """V(q) as predicted by an estimator of scikit-learn, made by `from_sklearn`.
 
     Attributes:
@@ -60,29 +61,6 @@ class SklearnCost(LearnedCost):
 
     name = "sklearn"
 
-    def __init__(
-        self,
-        model: KernelSum | Layers,
-        coordinates: Sequence[str],
-        minimum: float,
-        reduction: Reduction | None = None,
-    ) -> None:
-        """Keep the model."""
-        super().__init__(coordinates, minimum)
-        self.model, self.reduction = model, reduction
-
-    def seen(self, points: Array) -> Array:
-        """Return the inputs (n, d) themselves, which the model uses directly."""
-        return points
-
-    def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
-        """Return the same cost with another sum of kernels."""
-        return type(self)(model, self.coordinates.names, self.minimum, reduction)
-
-    def predict(self, points: Array) -> Array:
-        """Return V (n,) of inputs (n, d)."""
-        return self.model.values(points)
-
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, a scalar expression of the inputs (d,)."""
         return self.model.expression(x)
@@ -93,35 +71,29 @@ class SklearnCost(LearnedCost):
 
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression."""
-        return (
-            self.model.slope(x)
-            if isinstance(self.model, KernelSum)
-            else ca.gradient(self.value(x), x)
-        )
+        if isinstance(self.model, KernelSum):
+            return self.model.value_and_slope(x)[1]
+        return super().slope(x)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         settings, arrays = self.model.parts()
         form = "kernels" if isinstance(self.model, KernelSum) else "layers"
-        reduction = None if self.reduction is None else self.reduction.as_dict()
+        reduction = self.reduction and asdict(self.reduction)
         return {"form": form, "reduction": reduction, **settings}, arrays
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
         form = KernelSum if settings["form"] == "kernels" else Layers
-        reduction = settings["reduction"]
-        if reduction is not None:
-            reduction = Reduction(**reduction)
-        return cls(form.from_parts(settings, arrays), coordinates, minimum, reduction)
+        model = form.from_parts(settings, arrays)
+        reduction = settings["reduction"] and Reduction(**settings["reduction"])
+        return cls(model, coordinates, minimum, reduction)
 
 
+@dataclass(eq=False)
 class Layers:
     """A network of dense layers with one activation and a linear last layer.
 
@@ -133,20 +105,16 @@ class Layers:
         scale: divides the result (d,).
     """
 
-    def __init__(
-        self,
-        weights: Sequence[Array],
-        biases: Sequence[Array],
-        activation: str,
-        mean: Array,
-        scale: Array,
-    ) -> None:
-        """Keep the layers."""
-        self.weights, self.biases = (
-            [np.asarray(w, float) for w in weights],
-            [np.asarray(b, float) for b in biases],
-        )
-        self.activation, self.mean, self.scale = activation, mean, scale
+    weights: Sequence[Array]
+    biases: Sequence[Array]
+    activation: str
+    mean: Array
+    scale: Array
+
+    def __post_init__(self) -> None:
+        """Read the layers."""
+        self.weights = [np.asarray(w, float) for w in self.weights]
+        self.biases = [np.asarray(b, float) for b in self.biases]
 
     def values(self, points: Array) -> Array:
         """Return the output (n,) of inputs (n, d)."""
@@ -164,11 +132,9 @@ class Layers:
 
     def scaled(self, factor: float, offset: float) -> Layers:
         """Return the network whose output is `factor` times this one's, plus `offset`."""
-        weights, biases = (
-            [*self.weights[:-1], factor * self.weights[-1]],
-            [*self.biases[:-1], factor * self.biases[-1] + offset],
-        )
-        return Layers(weights, biases, self.activation, self.mean, self.scale)
+        weights = [*self.weights[:-1], factor * self.weights[-1]]
+        biases = [*self.biases[:-1], factor * self.biases[-1] + offset]
+        return replace(self, weights=weights, biases=biases)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
@@ -250,9 +216,8 @@ def _target(scaler: Any) -> tuple[float, float]:
 
 def _svr(svr: Any, mean: Array, scale: Array) -> KernelSum:
     weights = dense(svr.dual_coef_).ravel()
-    kernel = _kernel(
-        svr.kernel, svr._gamma, svr.coef0, svr.degree
-    )  # the value that "scale" stands for has no public name
+    # The gamma that "scale" stands for has no public name.
+    kernel = _kernel(svr.kernel, svr._gamma, svr.coef0, svr.degree)
     return _sum(kernel, dense(svr.support_vectors_), weights, float(svr.intercept_[0]), mean, scale)
 
 
@@ -273,19 +238,11 @@ def _ridge(ridge: Any, mean: Array, scale: Array) -> KernelSum:
 
 
 def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
-    if not hasattr(process, "alpha_"):
-        raise ModelError(
-            "estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one"
-        )
     factor, kernel, lengths = _covariance(process.kernel_)
-    spread, offset = (
-        float(np.ravel(process._y_train_std)[0]),
-        float(np.ravel(process._y_train_mean)[0]),
-    )
-    weights = factor * spread * _single(process.alpha_)
-    return KernelSum(
-        kernel, dense(process.X_train_) / lengths, weights, offset, mean, scale * lengths
-    )
+    spread = float(np.ravel(process._y_train_std)[0])
+    offset = float(np.ravel(process._y_train_mean)[0])
+    weights, centres = factor * spread * _single(process.alpha_), dense(process.X_train_) / lengths
+    return KernelSum(kernel, centres, weights, offset, mean, scale * lengths)
 
 
 def _network(mlp: Any, mean: Array, scale: Array) -> Layers:
@@ -337,11 +294,8 @@ def _covariance(kernel: Any) -> tuple[float, Kernel, Array]:
         name = "matern32" if kernel.nu == 1.5 else "matern52"
         return 1.0, Kernel(name, 1.0), np.atleast_1d(np.asarray(kernel.length_scale, dtype=float))
     elif kind == "RationalQuadratic":
-        return (
-            1.0,
-            Kernel("rational", 0.5, alpha=float(kernel.alpha)),
-            np.atleast_1d(float(kernel.length_scale)),
-        )
+        rational = Kernel("rational", 0.5, alpha=float(kernel.alpha))
+        return 1.0, rational, np.atleast_1d(float(kernel.length_scale))
     raise ModelError(
         f"GaussianProcessRegressor: got the kernel {kernel}, allowed a constant times RBF, Matern"
         " (nu 1.5 or 2.5) or RationalQuadratic, with or without WhiteKernel"

@@ -5,7 +5,7 @@ There are two variants: equations 2.4 to 2.8 of the EPFL report, or one mixture 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 import casadi as ca
@@ -14,17 +14,18 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import (
     LARGEST_SEED,
+    Progress,
     check_kind,
     check_number,
     check_whole,
     check_word,
     numbers_of,
+    unseen,
 )
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.learning.mixture_em import em, estimate, mixture_of
-from ergoqp.learning.mixture_regression import MixtureRegression, Prediction
+from ergoqp.learning.mixtures import MixtureRegression, Prediction, estimate, mixture_of
 from ergoqp.learning.pipelines import check_radians, named
 
 if TYPE_CHECKING:
@@ -155,10 +156,9 @@ class Gmr(LearnedCost):
         # one needs a few points.
         least = count * (data.points.shape[1] + 2 if covariance == "full" else 4)
         data.require(least, f"gmr with {count} Gaussians")
-        temperatures = (
-            ((1.0, 8.0) if per_score else (1.0,)) if temperatures is None else temperatures
-        )
-        shares = ((0.7, 0.3) if per_score else (1.0,)) if shares is None else shares
+        usual = ((1.0, 8.0), (0.7, 0.3)) if per_score else ((1.0,), (1.0,))
+        temperatures = usual[0] if temperatures is None else temperatures
+        shares = usual[1] if shares is None else shares
         options = {
             "variant": variant,
             "temperatures": numbers_of("temperatures", temperatures, 1e-3, 1e6, ModelError),
@@ -167,8 +167,8 @@ class Gmr(LearnedCost):
         lowest = float(data.labels.min())
         if not per_score:
             columns = np.column_stack([data.points, data.labels])
-            mixture = em(columns, count, seed, covariance, regularisation, "kmeans")
-            return cls(mixture, data.coordinates, lowest, **options)
+            found = estimate(columns, count, seed, covariance, regularisation, "kmeans")
+            return cls(mixture_of(found), data.coordinates, lowest, **options)
         mixture = _per_score(data, count, seed, covariance, regularisation)
         plain = cls(mixture, data.coordinates, lowest, **options)
         slope, offset = np.polyfit(plain.predict(data.points), data.labels, 1)
@@ -176,12 +176,8 @@ class Gmr(LearnedCost):
         means[:, -1] = offset + slope * means[:, -1]
         # V is a weighted mean of these, so the lowest is a true lower bound.
         lowest = min(lowest, float(means[:, -1].min()))
-        return cls(
-            MixtureRegression(mixture.weights, means, mixture.covariances),
-            data.coordinates,
-            lowest,
-            **options,
-        )
+        mixture = MixtureRegression(mixture.weights, means, mixture.covariances)
+        return cls(mixture, data.coordinates, lowest, **options)
 
     @classmethod
     def from_estimator(
@@ -202,9 +198,8 @@ class Gmr(LearnedCost):
         mixture = mixture_of(estimator)
         names = named(estimator, coordinates, extra=1)
         check_radians(names, estimator)
-        return cls(
-            mixture, names, float(mixture.means[:, -1].min()) if minimum is None else minimum
-        )
+        lowest = float(mixture.means[:, -1].min()) if minimum is None else minimum
+        return cls(mixture, names, lowest)
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d), eq. 2.5."""
@@ -229,29 +224,16 @@ class Gmr(LearnedCost):
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         regression, mixture = self.regression, self.mixture
-        settings = {
-            "variant": self.variant,
-            "temperatures": regression.temperatures,
-            "shares": regression.shares,
-        }
-        return settings, {
-            "weights": mixture.weights,
-            "means": mixture.means,
-            "covariances": mixture.covariances,
-        }
+        tempered = {"temperatures": regression.temperatures, "shares": regression.shares}
+        arrays = {name: getattr(mixture, name) for name in ("weights", "means", "covariances")}
+        return {"variant": self.variant, **tempered}, arrays
 
     @classmethod
     def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
+        cls, settings: Settings, arrays: Arrays, coordinates: Sequence[str], minimum: float
     ) -> Self:
         """Return the cost with these `parts`. The arrays must have the same shapes."""
-        mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
-        options = {name: settings[name] for name in ("variant", "temperatures", "shares")}
-        return cls(mixture, coordinates, minimum, **options)
+        return cls(MixtureRegression(**arrays), coordinates, minimum, **settings)
 
 
 def bic_curve(
@@ -261,7 +243,7 @@ def bic_curve(
     *,
     covariance: Covariance = "full",
     regularisation: float = 1e-3,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = unseen,
 ) -> NDArray[np.float64]:
     """Return the Bayesian information criterion of joint mixtures over (inputs, score).
 
@@ -282,17 +264,14 @@ def bic_curve(
         ModelError: if there are too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
-    data.require(
-        max(counts) * (data.points.shape[1] + 2), f"a BIC curve up to {max(counts)} Gaussians"
-    )
+    most = max(counts)
+    data.require(most * (data.points.shape[1] + 2), f"a BIC curve up to {most} Gaussians")
     columns = np.column_stack([data.points, data.labels])
     values, work = [], np.cumsum(counts)
     for count, done in zip(counts, work, strict=True):
-        values.append(
-            estimate(columns, count, seed, covariance, regularisation, "kmeans").bic(columns)
-        )
-        if progress is not None:
-            progress(float(done / work[-1]))
+        found = estimate(columns, count, seed, covariance, regularisation, "kmeans")
+        values.append(found.bic(columns))
+        progress(float(done / work[-1]))
     return np.array(values)
 
 
@@ -311,9 +290,8 @@ def _per_score(
         own = max(1, round(count * size / len(data)))
         # k-means++ seeds without Lloyd iterations: the Gaussians of one score overlap, and
         # clusters would separate them.
-        part = em(
-            data.points[data.labels == score], own, seed, covariance, regularisation, "k-means++"
-        )
+        points = data.points[data.labels == score]
+        part = mixture_of(estimate(points, own, seed, covariance, regularisation, "k-means++"))
         weights.append(part.weights * size / len(data))
         means.append(np.column_stack([part.means, np.full(own, score)]))
         covariances.append(np.pad(part.covariances, ((0, 0), (0, 1), (0, 1))))

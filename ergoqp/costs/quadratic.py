@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Self
 
 import casadi as ca
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind
-from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.cost import LearnedCost
 from ergoqp.datasets.data import DataSet
-from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.errors import ModelError
 
 
 class Quadratic(LearnedCost):
@@ -74,15 +74,12 @@ class Quadratic(LearnedCost):
 
         Raises:
             ModelError: if there are too few points, or all labels are the same.
-            MissingExtraError: if scipy is not installed.
         """
+        from scipy.optimize import lsq_linear
+
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         width = data.points.shape[1]
         data.require(3 * width, "quadratic")
-        try:
-            from scipy.optimize import lsq_linear
-        except ImportError:
-            raise MissingExtraError("fitting a quadratic cost", "learn", "scipy") from None
         # Standardised inputs give columns of similar size.
         centre, still = data.points.mean(axis=0), np.ptp(data.points, axis=0) == 0
         spread = np.where(still, 1.0, data.points.std(axis=0))
@@ -111,16 +108,3 @@ class Quadratic(LearnedCost):
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return settings and arrays (d,)."""
         return {"constant": self.constant}, {"slopes": self.slopes, "curvatures": self.curvatures}
-
-    @classmethod
-    def from_parts(
-        cls,
-        settings: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        coordinates: Sequence[str],
-        minimum: float,
-    ) -> Self:
-        """Return the cost with these `parts`. The arrays must have the same shapes."""
-        return cls(
-            settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum
-        )

@@ -8,28 +8,188 @@ joint is read by one segment only. It tends to REBA itself as tau goes to 0, exc
 band ends. It is the expected score under sensor noise of standard deviation 0.91 tau. A small
 tau follows the sheet closely but is flat between band ends. A large tau shows the direction
 from far away. The default cost is therefore a mixture of both.
+
+A distribution maps each possible score to its symbolic probability. The noises of the joints
+are independent and every joint is read once, so all operations are exact. Adding points shifts
+the probabilities. A clamp sums those beyond its ends. "Or" is one minus the product of the
+complements. The worse of two scores multiplies the cumulative probabilities. A table maps the
+product of its axes to its cells.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeVar, Unpack, cast
+from typing import Final, TypeVar, Unpack, cast
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import shown
-from ergoqp.costs import distributions as d
+from ergoqp.arguments import are_shares, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.evaluator import evaluated_once
+from ergoqp.expressions import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.sheets.description import Segment, Sheet
-from ergoqp.sheets.options import Method, check_by_joint, read_method, sheet_of
-from ergoqp.sheets.postures import read_postures
-from ergoqp.sheets.task import DEFAULTS, Task, TaskOptions, read_task
+from ergoqp.sheets.assessment import read_postures
+from ergoqp.sheets.description import Segment, Sheet, StepFunction
+from ergoqp.sheets.options import (
+    DEFAULTS,
+    Method,
+    Task,
+    TaskOptions,
+    check_by_joint,
+    read_method,
+    read_task,
+    sheet_of,
+)
+
+_WIDEST: Final = 9.0
+"""Largest angle at which the exponential form has a gradient [rad].
+
+Angles beyond about a third of it are refused elsewhere.
+"""
+
+_LARGEST_EXPONENT: Final = 700.0
+"""Largest exponent of e in double precision."""
+
+Distribution = dict[int, ca.SX]
+"""Probability of each possible score, in ascending order; the sum of the probabilities is one."""
+
+
+def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
+    """Return P(x + tau eta > edge) for a logistic eta with P(eta < z) = (1 + tanh z) / 2.
+
+    The standard deviation of eta is pi / sqrt(12) = 0.91, so tau is nearly the standard
+    deviation of the noise. The scale parameter of the logistic distribution is tau / 2.
+    """
+    if isinstance(tau, ca.SX) or 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
+        # The tanh form cannot overflow at any scale.
+        return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
+    # All edges of a joint share one exponential. Simplifying the whole expression merges it.
+    scale = math.exp(-2 * edge / tau)
+    return scale / (scale + ca.exp(x * (-2 / tau)))
+
+
+def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
+    """Return the distribution of a step function's score if its joint has noise of scale tau.
+
+    Args:
+        step: the bands.
+        x: the joint's angle [rad].
+        tau: scale of the logistic noise [rad].
+    """
+    beyond = [1, *(past(x, edge, tau) for edge in step.edges), 0]
+    if len(set(step.scores)) == 2:
+        # With two scores ("twisted" or not), the complement of one saves half the operations.
+        inner = step.scores[1]
+        (outer,) = set(step.scores) - {inner}
+        chance = _sum(
+            beyond[i] - beyond[i + 1] for i, score in enumerate(step.scores) if score == inner
+        )
+        return dict(sorted({inner: chance, outer: 1 - chance}.items()))
+    found: dict[int, list[ca.SX]] = defaultdict(list)
+    for i, score in enumerate(step.scores):
+        found[score].append(beyond[i] - beyond[i + 1])
+    return {score: _sum(found[score]) for score in sorted(found)}
+
+
+def any_of(conditions: Sequence[Distribution]) -> Distribution:
+    """Return the distribution of one point for any of independent conditions (each on 0 and 1)."""
+    none = conditions[0][0]
+    for condition in conditions[1:]:
+        none = none * condition[0]
+    return {0: none, 1: 1 - none}
+
+
+def plus(scores: Distribution, point: Distribution) -> Distribution:
+    """Return the distribution of a score plus an independent point (a distribution on 0 and 1)."""
+    moved = {score: chance * point[1] for score, chance in scores.items()}
+    total = defaultdict(lambda: ca.SX(0))
+    for score, chance in scores.items():
+        total[score] += chance - moved[score]
+        total[score + 1] += moved[score]
+    return dict(sorted(total.items()))
+
+
+def shift(scores: Distribution, points: int, low: int = 0, high: int = 99) -> Distribution:
+    """Return the distribution of a score with known points added, clamped to low ... high."""
+    total = defaultdict(lambda: ca.SX(0))
+    for score, chance in scores.items():
+        total[min(max(score + points, low), high)] += chance
+    return dict(sorted(total.items()))
+
+
+def worse(one: Distribution, other: Distribution) -> Distribution:
+    """Return the distribution of the higher of two independent scores."""
+    scores = sorted(set(one) | set(other))
+    below = [a * b for a, b in zip(cumulative(one, scores), cumulative(other, scores), strict=True)]
+    return {score: below[i] - below[i - 1] if i else below[0] for i, score in enumerate(scores)}
+
+
+def cumulative(scores: Distribution, at: Sequence[int]) -> list[ca.SX]:
+    """Return P(score <= k) for each k in `at`."""
+    return [
+        (
+            ca.SX(1)
+            if k >= max(scores)
+            else _sum(chance for score, chance in scores.items() if score <= k)
+        )
+        for k in at
+    ]
+
+
+def through_table(cells: np.ndarray, axes: Sequence[Distribution]) -> Distribution:
+    """Return the distribution of a table's cell.
+
+    Args:
+        cells: the table, counted from score 1 on every axis.
+        axes: independent distributions, one per axis.
+    """
+    *first, last = axes
+    outer = [
+        (combo, math.prod((axis[k] for axis, k in zip(first, combo, strict=True)), start=ca.SX(1)))
+        for combo in itertools.product(*first)
+    ]
+    found: dict[int, list[ca.SX]] = defaultdict(list)
+    for k, chance in last.items():
+        # Sum before multiplying: one product per cell value instead of one per cell.
+        by_value: dict[int, list[ca.SX]] = defaultdict(list)
+        for combo, weight in outer:
+            by_value[int(cells[(*(score - 1 for score in combo), k - 1)])].append(weight)
+        for value, weights in by_value.items():
+            found[value].append(_sum(weights) * chance)
+    return {value: _sum(found[value]) for value in sorted(found)}
+
+
+def expectation(cells: np.ndarray, rows: Distribution, columns: Distribution) -> ca.SX:
+    """Return the expected cell of a two-axis table of numbers.
+
+    Args:
+        cells: the table, counted from score 1 on both axes.
+        rows: distribution along the first axis.
+        columns: independent distribution along the second.
+    """
+    order = list(columns)
+    above = [1 - chance for chance in cumulative(columns, order)]
+    total = ca.SX(0)
+    for row, chance in rows.items():
+        along = [int(cells[row - 1, k - 1]) for k in order]
+        # A row of a score table rises by 0 or 1 from cell to cell. So its mean is a sum of few
+        # survival probabilities, without products.
+        rises = (
+            float(b - a) * p for a, b, p in zip(along, along[1:], above, strict=False) if b != a
+        )
+        total += chance * _sum([ca.SX(along[0]), *rises])
+    return total
+
+
+def _sum(terms: Iterable[ca.SX]) -> ca.SX:
+    return sum(terms, start=ca.SX(0))
+
 
 Expression = TypeVar("Expression", ca.SX, ca.MX)
 
@@ -88,9 +248,9 @@ class SmoothReba:
         q = ca.SX.sym("q", len(JOINTS))
         self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, self.task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
-        self._q, self._value = (
-            q,
-            sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)),
+        self._q = q
+        self._value = sum(
+            (w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)
         )
         self.minimum = reading.lowest()
         self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
@@ -153,7 +313,7 @@ class _Reading:
 
     def expected(self, q: ca.SX, tau: float | ca.SX) -> ca.SX:
         """Return E[REBA] at a posture, shape (32,) [rad], under noise of scale tau [rad]."""
-        return d.expectation(self._final(), *self._scores(q, tau))
+        return expectation(self._final(), *self._scores(q, tau))
 
     def lowest(self) -> float:
         """Return the lowest score of any posture [points]."""
@@ -164,10 +324,10 @@ class _Reading:
         """Return table C with the activity, limited to the highest final score."""
         return np.minimum(self.sheet.tables["C"].cells + self._points("C"), self.method.final_max)
 
-    def _scores(self, q: ca.SX, tau: float | ca.SX) -> tuple[d.Distribution, d.Distribution]:
+    def _scores(self, q: ca.SX, tau: float | ca.SX) -> tuple[Distribution, Distribution]:
         """Return the distributions of scores A and B."""
         sheet = self.sheet
-        table_a = d.through_table(
+        table_a = through_table(
             sheet.tables["A"].cells,
             [self._segment(segment, q, tau, "") for segment in sheet.of_table("A")],
         )
@@ -177,56 +337,46 @@ class _Reading:
         ]
         cells = sheet.tables["B"].cells
         if self.method.arms == "whole":
-            table_b = d.worse(*(d.through_table(cells, arm) for arm in arms))
+            table_b = worse(*(through_table(cells, arm) for arm in arms))
         else:
-            table_b = d.through_table(
-                cells, [d.worse(right, left) for right, left in zip(*arms, strict=True)]
+            table_b = through_table(
+                cells, [worse(right, left) for right, left in zip(*arms, strict=True)]
             )
-        return d.shift(table_a, self._points("A")), d.shift(table_b, self._points("B"))
+        return shift(table_a, self._points("A")), shift(table_b, self._points("B"))
 
     def _points(self, table: str) -> int:
         return int(self.task.points[self.sheet.tables[table].plus])
 
-    def _segment(self, segment: Segment, q: ca.SX, tau: float | ca.SX, side: str) -> d.Distribution:
+    def _segment(self, segment: Segment, q: ca.SX, tau: float | ca.SX, side: str) -> Distribution:
         points = segment.start
         if segment.skipped_by is not None and self.task.flag(segment.skipped_by):
-            scores = d.certain(0)
+            scores = {0: ca.SX(1)}
         elif segment.worse_side:
-            scores = d.worse(
-                *(d.of_step(segment.base, q[segment.joint(segment.base, s)], tau) for s in SIDES)
+            scores = worse(
+                *(of_step(segment.base, q[segment.joint(segment.base, s)], tau) for s in SIDES)
             )
         else:
-            scores = d.of_step(segment.base, q[segment.joint(segment.base, side)], tau)
+            scores = of_step(segment.base, q[segment.joint(segment.base, side)], tau)
         for modifier in segment.modifiers:
             conditions = [
-                d.of_step(step, q[segment.joint(step, side)], tau) for step in modifier.conditions
+                of_step(step, q[segment.joint(step, side)], tau) for step in modifier.conditions
             ]
-            for point in conditions if modifier.additive else [d.any_of(conditions)]:
-                scores = d.plus(scores, point)
+            for point in conditions if modifier.additive else [any_of(conditions)]:
+                scores = plus(scores, point)
         for option in segment.options:
             blocked = option.not_with is not None and bool(self.task.flag(option.not_with))
             points += option.points * (bool(self.task.flag(option.option, side)) and not blocked)
-        return d.shift(scores, points, 1, segment.highest)
+        return shift(scores, points, 1, segment.highest)
 
 
 def _mixture(
     taus_deg: Sequence[float], weights: Sequence[float]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    taus, shares = (
-        np.atleast_1d(np.asarray(taus_deg, float)),
-        np.atleast_1d(np.asarray(weights, float)),
-    )
-    if (
-        taus.ndim != 1
-        or not taus.size
-        or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all()
-    ):
+    taus = np.atleast_1d(np.asarray(taus_deg, float))
+    shares = np.atleast_1d(np.asarray(weights, float))
+    if taus.ndim != 1 or not taus.size or not ((taus >= 1e-3) & (taus <= 180)).all():
         raise InputError(f"taus_deg: got {shown(taus_deg)}, allowed: scales from 0.001 to 180 deg")
-    if (
-        shares.shape != taus.shape
-        or not (shares >= 0).all()
-        or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9)
-    ):
+    if not are_shares(shares, taus.size):
         raise InputError(
             f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative,"
             " adding up to 1"

@@ -4,35 +4,84 @@ from __future__ import annotations
 
 import platform
 import shutil
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp._version import __version__
-from ergoqp.arguments import path_of
+from ergoqp.arguments import path_of, read_array
 from ergoqp.errors import InputError
-from ergoqp.export.example import example_start, start_header
-from ergoqp.export.fields import input_fields, output_fields, python_fields
-from ergoqp.export.layout import header, memory_header, names_source
-from ergoqp.files.whole import whole_folder
-from ergoqp.native.compiled import generated
-from ergoqp.native.compiler import compiler
-from ergoqp.native.daqp import (
+from ergoqp.export.layout import (
+    defines,
+    header,
+    input_fields,
+    memory_header,
+    names_source,
+    output_fields,
+    python_fields,
+)
+from ergoqp.files.atomic import atomic_directory
+from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.limits import ArmLength, OneClassBoundary
+from ergoqp.native.compiled import (
+    CompilerError,
     NativeDaqp,
     c_text,
+    compiler,
     daqp_archive,
     daqp_include,
-    daqp_licence,
+    generated,
+    licence_of,
     sizes_source,
 )
 from ergoqp.problem.problem import Problem
+from ergoqp.step.certification import longest_stop
 from ergoqp.step.function import build_step
-from ergoqp.step.guide.place import read_guide
-from ergoqp.step.guide.trial import UNKNOWN
-from ergoqp.step.model import StepModel
-from ergoqp.step.stopping import longest_stop
+from ergoqp.step.guide import read_guide
+from ergoqp.step.model import StepModel, stand_in
+from ergoqp.step.rest import UNKNOWN
+
+_RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
+"""Angles of the working arms [deg]."""
+
+
+def example_start(problem: Problem, given: ArrayLike | None = None) -> np.ndarray:
+    """Return the state (n,) at which the example starts.
+
+    Args:
+        problem: the task.
+        given: the user's state. None: comfort with the working arms raised, or, where the state is
+            points within a learned boundary, the centre with the highest cost.
+
+    Raises:
+        InputError: if the user's state is not valid.
+    """
+    n = len(problem.coordinates)
+    if given is not None:
+        return read_array("start", given, (n,), f"{n} finite numbers")
+    start = stand_in(problem).copy()
+    if problem.coordinates == JOINTS:
+        for side in getattr(problem.response, "hands", SIDES):
+            for joint, angle in _RAISED.items():
+                start[INDEX[f"{side}_{joint}"]] = np.radians(angle)
+        return start
+    boundary, length = problem.limit_of(OneClassBoundary), problem.limit_of(ArmLength)
+    if boundary is None or tuple(boundary.model.coordinates.names) != tuple(problem.coordinates):
+        return start
+    model = boundary.model
+    points = model.mean + model.scale * model.centres
+    points = points if length is None else length.project(points)
+    inside = points[model.margin(points) > 0]
+    points = inside if len(inside) else points
+    return points[int(np.argmax(problem.cost(points)))]
+
+
+def start_header(start: np.ndarray) -> str:
+    """Return ``start.h``: the state as the initialiser of an array in C."""
+    return f"#define START {{{', '.join(f'{value:.6g}' for value in start.tolist())}}}\n"
+
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""
@@ -90,8 +139,7 @@ def export_step(
         or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
     ):
         raise InputError(
-            f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier"
-            " export"
+            f"--out: {str(folder)!r} holds something else; give a new folder or an earlier export"
         )
     place = None if guide is None else read_guide(problem, guide)
     begin = example_start(problem, start)
@@ -115,11 +163,16 @@ def export_step(
         "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory, guided),
         "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory, guided),
         "README.md": _filled("README.md", problem, memory, guided),
-        "daqp/LICENSE": daqp_licence(),
+        "daqp/LICENSE": licence_of("daqp"),
     }
-    if licence := _own_licence():
+    if not texts["daqp/LICENSE"]:
+        raise CompilerError(
+            "DAQP's licence: the package 'daqp' has no LICENSE; install it as published:"
+            " `pip install daqp`"
+        )
+    if licence := licence_of("ergoqp"):
         texts["LICENSE"] = licence
-    with whole_folder(folder) as scratch:
+    with atomic_directory(folder) as scratch:
         for name, text in texts.items():
             (scratch / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).write_text(text, encoding="utf-8")
@@ -164,18 +217,6 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
 
 def stepper_bytes(problem: Problem, memory: str) -> int:
     """Return an upper bound of the size of an ``ergoqp_stepper`` [bytes] from its memory header."""
-    found = {
-        words[1]: int(words[2])
-        for words in map(str.split, memory.splitlines())
-        if len(words) == 3 and words[2].isdigit()
-    }
+    found = defines(memory)
     kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
     return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2 + 18 * ("ERGOQP_TRIAL" in found))
-
-
-def _own_licence() -> str:
-    try:
-        found = [file for file in distribution("ergoqp").files or [] if file.name == "LICENSE"]
-    except PackageNotFoundError:
-        return ""
-    return found[0].read_text(encoding="utf-8") if found else ""

@@ -1,28 +1,162 @@
-"""The headers and tables of the exported step of a problem."""
+"""The headers and tables of the exported step: members of its structs, with their meaning."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.export.fields import input_fields, members, output_fields
+from ergoqp.expressions import slices
+from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer.amiss import PARTS
-from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.causes import Cause, Fault, Status
+from ergoqp.step.certification import PARTS, longest_stop
 from ergoqp.step.frames_check import DOUBTED, FRAMES
-from ergoqp.step.guide.place import Guide
-from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS
-from ergoqp.step.guide.trial import FIRM, TRIAL, UNKNOWN
-from ergoqp.step.inputs import INPUTS, OUTPUTS
+from ergoqp.step.function import INPUTS, OUTPUTS, state_at_start
+from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide
+from ergoqp.step.layout import ASTRAY, CLOCK_ROUNDING, SHORTEST_DT, count
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count
-from ergoqp.step.robot_watch.faults import Fault
-from ergoqp.step.robot_watch.memory import ASTRAY
-from ergoqp.step.state import state_at_start
-from ergoqp.step.stopping import longest_stop
-from ergoqp.step.under_way.history import CLOCK_ROUNDING, SHORTEST_DT
+from ergoqp.step.rest import FIRM, TRIAL, UNKNOWN
+
+
+@dataclass(frozen=True)
+class Field:
+    """One member of a C struct: doubles or one int.
+
+    Attributes:
+        name: name of the member.
+        count: number of doubles; 0 for an int.
+        meaning: description with unit.
+        array: whether it is an array even with one entry.
+    """
+
+    name: str
+    count: int
+    meaning: str
+    array: bool = False
+
+    @property
+    def length(self) -> int:
+        """Length of the array in C, 0 if it is not an array.
+
+        C has no empty arrays, so an array without entries has room for one.
+        """
+        return max(self.count, 1) if self.array else self.count if self.count > 1 else 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is an int."""
+        return self.count == 0 and not self.array
+
+
+def input_fields(problem: Problem) -> list[Field]:
+    """Return the members of the input, which the caller gives at every step."""
+    n, unit = len(problem.coordinates), _unit(problem)
+    return [
+        Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
+        Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
+        Field("pose", 16, f"measured {_posed(problem)}, row-major 4 x 4 [m]; read if has_pose"),
+        Field("twist", 6, "motion of the robot in the last period [m/s, rad/s]; read if has_twist"),
+        Field(
+            "dt",
+            1,
+            "time for which this twist will be executed [s]; not the time since the last call",
+        ),
+        Field("age", 1, "age of the posture [s]"),
+        Field("frame", 0, "1 if a posture arrived, 0 if not"),
+        Field(
+            "has_pose",
+            0,
+            "0: the pose is integrated from the last one, the first time from the posture",
+        ),
+        Field("has_twist", 0, "0: the robot is assumed to follow the sent twists as declared"),
+        Field("enable", 0, "0: the object decelerates to rest"),
+    ]
+
+
+def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
+    """Return the members of the output of a step."""
+    n = len(problem.coordinates)
+    rows = len(problem.row_names)
+    unit = _unit(problem).replace("]", "/s]")
+    fields = [
+        Field(
+            "twist",
+            6,
+            "send this: object velocity at the contact frame, world axes, linear first [m/s,"
+            " rad/s]",
+        ),
+        Field("pose", 16, "contact frame that the step used, row-major 4 x 4 [m]"),
+        Field("posture_rate", n, f"predicted rate of the posture {unit}"),
+        Field("cost", 1, "V of the posture [points]"),
+        Field("gain", 1, "predicted improvement within one second at full speed [points]"),
+        Field(
+            "margins",
+            rows,
+            "distance of every row to its nearer end, negative outside, in the row's unit",
+            array=True,
+        ),
+        Field("slack", rows, "violation of each row in the QP [its unit/s]", array=True),
+        Field("multipliers", rows, "multiplier of each row in the QP", array=True),
+        Field("outside", rows, "1 for rows that are outside and coming back", array=True),
+        Field("locked", n, "1 for joints that are held at their end"),
+        Field(
+            "amiss",
+            len(PARTS) + rows,
+            f"1 for terms without a usable number: {', '.join(map(' '.join, PARTS))}, each row",
+        ),
+        Field("qp_residual", 1, "largest KKT residual of the QP; accepted up to 1e-6"),
+        Field("contact", 1, "contact motion that the posture cannot follow [m/s, rad/s]"),
+        Field("accepted", 1, "certified share of the QP's answer: 0 braking, 1 all of it"),
+        Field("status", 0, "an ergoqp_status"),
+        Field("causes", 0, "bits by ergoqp_cause: inputs or answers that were not used, and why"),
+        Field("fault", 0, "an ergoqp_fault: deviation of the robot from its declaration"),
+        Field(
+            "fault_amount",
+            1,
+            "size of the fault: a factor, seconds, metres, radians or metres per second",
+        ),
+        Field("doubted", 0, "1: no usual error of the posture explains the pose, see `apart`"),
+        Field("apart", 1, "distance between the pose and the contact of the posture [m]"),
+        Field("apart_angle", 1, "the same of the tool's axis [rad]"),
+    ]
+    drawn = Field(
+        "drawn",
+        0,
+        "the guide: 1 on the way there, 2 waits there, 4 on the way back; 0: no influence",
+    )
+    return [*fields, *([drawn] if guided else [])]
+
+
+def python_fields(fields: list[Field]) -> str:
+    """Return the members of a struct for ``ctypes``, one per line."""
+    return "\n".join(f'        ("{field.name}", {_python_type(field)}),' for field in fields)
+
+
+def _python_type(field: Field) -> str:
+    if field.whole:
+        return "c_int"
+    return f"c_double * {field.length}" if field.length else "c_double"
+
+
+def members(fields: list[Field]) -> str:
+    """Return the members of a struct in C, one per line, with their meaning."""
+    lines = []
+    for field in fields:
+        name = f"{field.name}[{field.length}]" if field.length else field.name
+        lines.append(f"    {'int' if field.whole else 'double'} {name}; /* {field.meaning} */")
+    return "\n".join(lines)
+
+
+def _posed(problem: Problem) -> str:
+    return "flange in the base" if problem.frames.moved else "contact frame in the world"
+
+
+def _unit(problem: Problem) -> str:
+    return "[rad]" if problem.coordinates == JOINTS else "[m]"
+
 
 _GUIDE_VALUES = f"""
 /* Promises for ergoqp_guide: the cost there is unknown; the caller judges the place. */
@@ -181,8 +315,11 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
         "#define ERGOQP_MEMORY_H",
         "",
     ]
+    found = {
+        name[name.index("_SZ_") :]: size for name, size in defines(core).items() if "_SZ_" in name
+    }
     lines += [
-        f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")
+        f"#define ERGOQP_SZ_{kind} {found[f'_SZ_{kind}']}" for kind in ("ARG", "RES", "IW", "W")
     ]
     history, initial = model.history, _listed(state_at_start(model))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
@@ -210,18 +347,12 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     if guide is not None:
         first = _listed(np.array([*guide.pose.T.ravel(), 1.0, guide.expected]))
         lines += [f"#define ERGOQP_GUIDE {first}", f"#define ERGOQP_TRIAL {TRIAL}", ""]
-    found = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
-    for word, names, each in (("INPUT", inputs, sizes), ("OUTPUT", found, outputs)):
-        starts = [
-            sum(each.get(before, 1) for before in names[:number])
-            for number in range(len(names) + 1)
-        ]
-        lines += [
-            f"#define ERGOQP_{word}_AT_{name} {start}"
-            for name, start in zip(names, starts[:-1], strict=True)
-        ]
-        lines += [f"#define ERGOQP_{word}_STARTS {', '.join(map(str, starts[:-1]))}"]
-        lines += [f"#define ERGOQP_{word}_DOUBLES {starts[-1]}", ""]
+    results = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
+    for word, names, each in (("INPUT", inputs, sizes), ("OUTPUT", results, outputs)):
+        starts = {name: at.start for name, at in slices({n: each.get(n, 1) for n in names}).items()}
+        lines += [f"#define ERGOQP_{word}_AT_{name} {start}" for name, start in starts.items()]
+        lines += [f"#define ERGOQP_{word}_STARTS {', '.join(map(str, starts.values()))}"]
+        lines += [f"#define ERGOQP_{word}_DOUBLES {sum(each.get(n, 1) for n in names)}", ""]
     return "\n".join([*lines, "#endif", ""])
 
 
@@ -256,9 +387,11 @@ def _listed(numbers: np.ndarray) -> str:
     return ", ".join(map(repr, numbers.tolist()))
 
 
-def _macro(core: str, kind: str) -> int:
-    return next(
-        int(line.split()[-1])
-        for line in core.splitlines()
-        if line.startswith("#define") and f"_SZ_{kind} " in line
-    )
+def defines(source: str) -> dict[str, int]:
+    """Return the whole numbers that a header of C defines, by name."""
+    lines = map(str.split, source.splitlines())
+    return {
+        words[1]: int(words[2])
+        for words in lines
+        if len(words) == 3 and words[0] == "#define" and words[2].isdigit()
+    }

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import ErgoqpError
-from ergoqp.files.npz import read_npz
-from ergoqp.files.whole import whole
-from ergoqp.paths import cache_folder
+from ergoqp.files.atomic import atomic_write
+from ergoqp.files.read import read_npz
+from ergoqp.registry import cache_folder
 
 
 def digest_of(content: Any) -> str:
@@ -27,7 +27,7 @@ def digest_of(content: Any) -> str:
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """Arrays by name, in one file below :func:`ergoqp.paths.cache_folder`.
+    """Arrays by name, in one file below :func:`ergoqp.registry.cache_folder`.
 
     Attributes:
         kind: kind of content; it is the name of the folder.
@@ -54,5 +54,5 @@ class CacheEntry:
         path = self.path
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            with whole(path) as scratch:
+            with atomic_write(path) as scratch:
                 np.savez_compressed(scratch, **arrays)

@@ -5,7 +5,6 @@ It gives elbow and wrist of a posture, and the postures of a given elbow and wri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -14,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.sheets.postures import read_postures
+from ergoqp.sheets.assessment import read_postures
 
 Array = NDArray[np.float64]
 
@@ -36,9 +34,11 @@ ARM_INDEX: Final[list[int]] = [INDEX[joint] for joint in ARM_JOINTS]
 """Position of each of `ARM_JOINTS` in a posture."""
 
 
-@dataclass(frozen=True, eq=False)
 class Arm:
     """Lengths of a person's right arm on the trunk, and its inverse kinematics.
+
+    Args:
+        body: the person.
 
     Attributes:
         root: origin of the trunk's hinges, in the pelvis frame (3,) [m].
@@ -47,10 +47,19 @@ class Arm:
         fore: distance from the elbow to the wrist [m].
     """
 
-    root: Array
-    shoulder: Array
-    upper: float
-    fore: float
+    def __init__(self, body: Body) -> None:
+        """Read the loaded model."""
+        model = body.model
+        self.root, self.shoulder, *bones = (
+            np.asarray(model.body(name).pos)
+            for name in (
+                "trunk_flexion",
+                "right_shoulder_flexion",
+                "right_elbow_flexion",
+                "right_wrist_flexion",
+            )
+        )
+        self.upper, self.fore = (float(np.linalg.norm(bone)) for bone in bones)
 
     def solve_by_bend(self, points: Array, bend: Array, twist: Array) -> tuple[Array, Array]:
         """Return all postures of trunk and right arm with given points, side bends and twists.
@@ -80,13 +89,9 @@ class Arm:
         )
         abduction, shoulder = np.arctan2(-dy, np.hypot(dx, dz)), np.arctan2(dx, -dz)
         trunk = _twice(flexion), _twice(bend), _twice(twist)
-        shoulder, abduction = (
-            np.hstack([shoulder, _wrap(shoulder + np.pi)]),
-            np.hstack([abduction, np.pi - abduction]),
-        )
-        return np.stack(
-            [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
-        ), _twice(missing)
+        shoulder = np.hstack([shoulder, _wrap(shoulder + np.pi)])
+        abduction = np.hstack([abduction, np.pi - abduction])
+        return self._whole(wrist, trunk, shoulder, abduction), _twice(missing)
 
     def solve_by_shoulder(
         self, points: Array, shoulder: Array, twist: Array
@@ -123,12 +128,7 @@ class Arm:
         trunk = np.arctan2(x * vz - z * vx, x * vx + z * vz), _wrap(bend), _twice(twist)
         shoulder, abduction = _twice(shoulder), _wrap(_twice(abduction))
         missing = _twice(no_abduction) + no_bend
-        return (
-            np.stack(
-                [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
-            ),
-            missing,
-        )
+        return self._whole(wrist, trunk, shoulder, abduction), missing
 
     def _elbow_and_forearm(self, points: Array) -> tuple[Array, Array]:
         """Return the elbow from the trunk's root and the wrist from the elbow, (3, n, 1) each."""
@@ -136,43 +136,28 @@ class Arm:
             points[:, None, 3:] - points[:, None, :3], -1, 0
         )
 
-    def _elbow(
+    def _whole(
         self, forearm: Array, trunk: tuple[Array, Array, Array], shoulder: Array, abduction: Array
-    ) -> tuple[Array, Array]:
-        """Return upper arm rotation and elbow flexion for a direction of the forearm."""
+    ) -> Array:
+        """Return all angles, with upper arm and elbow turned to a direction of the forearm."""
         gx, gy, gz = _into_trunk(*trunk, *forearm)
         # Into the frame of the upper arm before its own rotation: back by the flexion (about
         # -y), then by the abduction (about -x).
-        sin_f, cos_f, sin_a, cos_a = (
-            np.sin(shoulder),
-            np.cos(shoulder),
-            np.sin(abduction),
-            np.cos(abduction),
-        )
+        sin_f = np.sin(shoulder)
+        cos_f = np.cos(shoulder)
+        sin_a = np.sin(abduction)
+        cos_a = np.cos(abduction)
         gx, gz = cos_f * gx + sin_f * gz, cos_f * gz - sin_f * gx
         gy, gz = cos_a * gy - sin_a * gz, sin_a * gy + cos_a * gz
         away = np.hypot(gx, gy)
         # With a straight elbow the rotation is free.
-        return np.where(away > 1e-9 * self.fore, np.arctan2(gy, gx), 0.0), np.arctan2(away, -gz)
-
-
-def arm_of(body: Body) -> Arm:
-    """Return the right arm of a body, from its loaded model."""
-    model = body.model
-    offset = {
-        name: np.asarray(model.body(name).pos)
-        for name in ("trunk_flexion", "right_shoulder_flexion")
-    }
-    upper, fore = (
-        float(np.linalg.norm(model.body(f"right_{name}").pos))
-        for name in ("elbow_flexion", "wrist_flexion")
-    )
-    return Arm(offset["trunk_flexion"], offset["right_shoulder_flexion"], upper, fore)
+        rotation = np.where(away > 1e-9 * self.fore, np.arctan2(gy, gx), 0.0)
+        return np.stack([*trunk, shoulder, abduction, rotation, np.arctan2(away, -gz)])
 
 
 def forearm_length(body: Body | None = None) -> float:
     """Return the distance of the wrist from the elbow [m]."""
-    return arm_of(body or Body()).fore
+    return Arm(body or Body()).fore
 
 
 def forearm_points(postures: ArrayLike, body: Body | None = None) -> Array:
@@ -190,24 +175,6 @@ def forearm_points(postures: ArrayLike, body: Body | None = None) -> Array:
     return np.array(function.map(len(rows))(rows.T)).T
 
 
-def read_points(points: ArrayLike) -> Array:
-    """Return points as an array (n, 6).
-
-    Args:
-        points: elbow and wrist in the pelvis frame, shape (n, 6) or (6,) [m].
-
-    Raises:
-        InputError: if the shape is wrong.
-    """
-    rows = np.atleast_2d(np.asarray(points, dtype=float))
-    if rows.ndim != 2 or rows.shape[1] != len(FOREARM):
-        raise InputError(
-            f"points: got shape {np.shape(points)}, allowed (n, {len(FOREARM)}):"
-            f" {', '.join(FOREARM)}"
-        )
-    return rows
-
-
 @lru_cache(maxsize=8)
 def _forward(stature: float, lengths: tuple[tuple[str, float], ...]) -> ca.Function:
     """Return ``posture (32,) -> points (6,)`` of a body.
@@ -216,15 +183,8 @@ def _forward(stature: float, lengths: tuple[tuple[str, float], ...]) -> ca.Funct
     """
     kinematics = Kinematics(Body(stature, dict(lengths)))
     q = ca.SX.sym("q", len(JOINTS))
-    return ca.Function(
-        "forearm",
-        [q],
-        [
-            ca.cse(
-                ca.vertcat(*(kinematics.at(f"right_{name}", q)[0] for name in ("elbow", "wrist")))
-            )
-        ],
-    )
+    points = (kinematics.at(f"right_{name}", q)[0] for name in ("elbow", "wrist"))
+    return ca.Function("forearm", [q], [ca.cse(ca.vertcat(*points))])
 
 
 def _wrap(angle: Array) -> Array:

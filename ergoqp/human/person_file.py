@@ -24,14 +24,12 @@ import re
 from collections.abc import Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
-from ergoqp.arguments import check_number, shown
+from ergoqp.arguments import check_kind, check_number, check_word, numbers_of, shown
 from ergoqp.errors import InputError
-from ergoqp.files.text import read_toml
-from ergoqp.human.body import FRACTIONS, MASS_RANGE, Body, believable
-from ergoqp.human.kinematics import FRAMES
-from ergoqp.human.marker import Marker
+from ergoqp.files.read import read_toml
+from ergoqp.human.body import FRACTIONS, FRAMES, MASS_RANGE, Body, Marker, believable
 
 _FARTHEST: Final = 2.0
 """Largest distance of a marker from its segment [m]."""
@@ -70,7 +68,7 @@ def person_with_markers(person: float | str | Path) -> tuple[Body, dict[str, Mar
         InputError: if the value is neither, or the file does not describe a person.
     """
     if isinstance(person, Real) and not isinstance(person, bool):
-        return Body.of_stature(_float(person)), {}
+        return Body.of_stature(cast("float", person)), {}
     if not isinstance(person, str | Path):
         raise InputError(f"person: got {person!r}, allowed a stature in m, a person file or None")
     path = Path(person)
@@ -83,35 +81,26 @@ def person_with_markers(person: float | str | Path) -> tuple[Body, dict[str, Mar
             " tables lengths and markers"
         )
     try:
-        return _body(path, entries), _markers(path, entries.get("markers", {}))
+        return _body(entries), _markers(entries.get("markers", {}))
     except InputError as error:
-        where = f"person file {path.name}: "
-        raise InputError(where + str(error).removeprefix(where)) from None
+        raise InputError(f"person file {path.name}: {error}") from None
 
 
-def _body(path: Path, entries: Mapping[str, Any]) -> Body:
+def _body(entries: Mapping[str, Any]) -> Body:
     """Return the body that a file describes."""
-    lengths = entries.get("lengths", {})
-    if not isinstance(lengths, dict):
-        raise InputError(
-            f"person file {path.name}: lengths is {shown(lengths)}, allowed a table of segments,"
-            " each with its length in m"
-        )
-    if not (lengths or "stature" in entries):
-        raise InputError(
-            f"person file {path.name}: got neither, required are a stature in m, a table lengths in"
-            " m, or both"
-        )
-    measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
-    mass = _number(path, "mass", entries.get("mass", 0.0))
+    measured, mass = entries.get("lengths", {}), entries.get("mass", 0.0)
+    check_kind("lengths", measured, dict, "a table of segments, each with its length in m")
+    if not (measured or "stature" in entries):
+        raise InputError("got neither, required are a stature in m, a table lengths in m, or both")
     if "mass" in entries:
         # `Body` takes 0 for a mass that is not given, so check it here.
         check_number("mass", mass, *MASS_RANGE, "kg")
     if "stature" in entries:
-        stature = Body.of_stature(_number(path, "stature", entries["stature"])).stature
+        stature = Body.of_stature(entries["stature"]).stature
     else:
         stature = Body.of_lengths(measured, mass).stature
     for name, length in measured.items():
+        check_number(f"length of {name}", length, 0.0, 1e6, "m")
         low, high = believable(name, stature) if name in FRACTIONS else (-math.inf, math.inf)
         if not low - _ROUNDED <= length <= high + _ROUNDED:
             raise InputError(
@@ -121,30 +110,27 @@ def _body(path: Path, entries: Mapping[str, Any]) -> Body:
     return Body(stature, measured, mass)
 
 
-def _markers(path: Path, table: Any) -> dict[str, Marker]:
+def _markers(table: Any) -> dict[str, Marker]:
     """Return the positions of a person's markers from the table of a file."""
-    where, found = f"person file {path.name}: markers", {}
-    if not isinstance(table, dict):
-        raise InputError(f"{where} is {table!r:.40}, allowed a table for each marker")
+    check_kind("markers", table, dict, "a table for each marker")
+    found = {}
     for name, entry in table.items():
+        where = f"markers.{name}"
         if not isinstance(entry, dict) or set(entry) - {"frame", "offset", "residual"}:
             raise InputError(
-                f"{where}.{name} is {entry!r:.40}, allowed a table of frame, offset and residual"
+                f"{where}: got {shown(entry)}, allowed a table of frame, offset and residual"
             )
-        frame, offset = entry.get("frame"), entry.get("offset")
-        if frame not in FRAMES:
-            raise InputError(
-                f"{where}.{name}.frame is {frame!r:.40}, allowed one of {', '.join(FRAMES)}"
-            )
+        frame, offset, residual = (
+            entry.get("frame"),
+            entry.get("offset"),
+            entry.get("residual", 0.0),
+        )
+        check_word(f"{where}.frame", frame, FRAMES)
         if not isinstance(offset, list) or len(offset) != 3:
-            raise InputError(f"{where}.{name}.offset is {offset!r:.40}, allowed three lengths in m")
-        x, y, z = (
-            _number(path, f"markers.{name}.offset", each, -_FARTHEST, _FARTHEST) for each in offset
-        )
-        residual = _number(
-            path, f"markers.{name}.residual", entry.get("residual", 0.0), 0.0, math.inf
-        )
-        found[name] = Marker(frame, (x, y, z), residual)
+            raise InputError(f"{where}.offset: got {shown(offset)}, allowed three lengths in m")
+        x, y, z = numbers_of(f"{where}.offset", offset, -_FARTHEST, _FARTHEST)
+        check_number(f"{where}.residual", residual, 0.0, 1e6, "m")
+        found[name] = Marker(str(frame), (x, y, z), float(residual))
     return found
 
 
@@ -186,7 +172,7 @@ def write_person(
             continue
         rows += [
             "",
-            f"[markers.{_quoted(name)}]",
+            f'[markers."{_printable(name)}"]',
             f'frame = "{marker.frame}"',
             f"offset = [{', '.join(f'{round(each, 4) + 0.0:.4f}' for each in marker.offset)}]",
             f"residual = {marker.residual:.4f}",
@@ -194,36 +180,6 @@ def write_person(
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
-def _quoted(name: str) -> str:
-    """Return a name as a TOML key in quotes."""
-    return f'"{_printable(name)}"'
-
-
 def _printable(text: str) -> str:
     """Return a text with the characters escaped that TOML does not accept."""
     return _CONTROLS.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
-
-
-def _number(
-    path: Path, name: str, value: Any, low: float = -math.inf, high: float = math.inf
-) -> float:
-    number = (
-        _float(value)
-        if isinstance(value, int | float) and not isinstance(value, bool)
-        else math.nan
-    )
-    if not math.isfinite(number) or not low <= number <= high:
-        above = f" from {low:g}" if math.isfinite(low) else ""
-        below = f" to {high:g}" if math.isfinite(high) else ""
-        raise InputError(
-            f"person file {path.name}: {name} is {value!r:.40}, allowed a number{above}{below}"
-        )
-    return number
-
-
-def _float(value: float | Real) -> float:
-    """Return a number as float; infinity for an integer of hundreds of digits."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf

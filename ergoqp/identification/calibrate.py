@@ -19,11 +19,10 @@ from scipy.optimize import least_squares
 
 from ergoqp.arguments import check_kind, names_of
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import turned
-from ergoqp.identification.resting import rests_of
-from ergoqp.identification.watched import rests_in, watched
-from ergoqp.problem.frames import Frames
+from ergoqp.expressions import turned
+from ergoqp.identification.loops import rests_in, rests_of, watched
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 
 _FEWEST: Final = 3
 """Rests below this number determine nothing."""
@@ -303,13 +302,10 @@ class _Fit:
         variance[free] = np.diag(np.linalg.inv(slope.T @ slope))
         if self.axes == 1:
             variance[6] = 0.0  # the turn about the tool's axis is not asked for
-        sd = np.sqrt(np.maximum(variance, 0))
-        names = ("base_deg", 0), ("base_m", 3), ("flange_deg", 6), ("flange_m", 9)
-        found = {name: float(sd[i : i + 3].max()) for name, i in names}
-        return {
-            name: float(np.degrees(value)) if name.endswith("deg") else value
-            for name, value in found.items()
-        }
+        each = np.sqrt(np.maximum(variance[:12], 0)).reshape(4, 3).max(axis=1)
+        names = ("base_deg", "base_m", "flange_deg", "flange_m")
+        each[::2] = np.degrees(each[::2])
+        return dict(zip(names, each.tolist(), strict=True))
 
 
 def _mover() -> ca.Function:

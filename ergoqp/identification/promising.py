@@ -17,8 +17,8 @@ import numpy as np
 
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.identification.identify import Identified
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import Workspace
 
 LIKELY: Final = 48
 """Number of people who are as likely as the identified one."""
@@ -35,7 +35,7 @@ _REACHED: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
+class Candidate:
     """The expected result of a place.
 
     Attributes:
@@ -52,7 +52,7 @@ class Promise:
     likely: np.ndarray
 
 
-class Promising:
+class CandidateSearch:
     """Search for places that are better for an identified person.
 
     Args:
@@ -73,7 +73,7 @@ class Promising:
         known: Sequence[np.ndarray] = (),
         seed: int = 0,
         longest: float = np.inf,
-    ) -> list[Promise]:
+    ) -> list[Candidate]:
         """Return places (4, 4), the most promising first; only those that the person reaches.
 
         Args:
@@ -91,7 +91,7 @@ class Promising:
         )
         beside = rng.standard_normal((LIKELY, n))
 
-        def promise(pose: np.ndarray) -> Promise | None:
+        def promise(pose: np.ndarray) -> Candidate | None:
             if time.perf_counter() > until:
                 return None
             rest = person.predict(pose)
@@ -102,7 +102,7 @@ class Promising:
             postures[1:, person.joints] += people @ rest.by_traits.T + unsure * beside
             scores = np.array(self._scores(ca.DM(np.clip(postures, -np.pi, np.pi).T))).ravel()
             gain = float(np.maximum(0.0, best - scores[1:]).mean())
-            return Promise(pose, gain, float(scores[0]), scores[1:])
+            return Candidate(pose, gain, float(scores[0]), scores[1:])
 
         points = self.workspace.spread(_SPREAD)
         found = [(point, promise(self.workspace.pose(point))) for point in points]
@@ -121,7 +121,7 @@ class Promising:
         return sorted(reached, key=lambda each: -each.gain)
 
 
-def chosen(places: Sequence[Promise], count: int) -> list[Promise]:
+def chosen(places: Sequence[Candidate], count: int) -> list[Candidate]:
     """Return places to try together, each chosen by what it adds to those before it.
 
     What a place adds is the mean gain over people who are as likely, when each person keeps the

@@ -22,7 +22,7 @@ sigmoid   tanh(gamma p + offset)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -31,7 +31,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import are_shares
 from ergoqp.errors import ModelError
+from ergoqp.learning.pipelines import sklearn
 
 RADIAL: Final = ("rbf", "matern32", "matern52", "rational")
 """Kernels that depend on the distance."""
@@ -123,6 +125,10 @@ class Kernel:
                 return value, gamma * (1 - value * value)
 
 
+_SUM_ARRAYS: Final = ("centres", "weights", "mean", "scale")
+"""The arrays of a `KernelSum`."""
+
+
 @dataclass(frozen=True, eq=False)
 class KernelSum:
     """f(x) = sum_j w_j k((x - mean) / scale, s_j) + bias.
@@ -150,7 +156,7 @@ class KernelSum:
             ModelError: if not, or if a number is not finite; the message names the shapes or
                 the fault.
         """
-        for name in ("centres", "weights", "mean", "scale"):
+        for name in _SUM_ARRAYS:
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=float))
         object.__setattr__(self, "bias", float(self.bias))
         n, d = self.centres.shape if self.centres.ndim == 2 else (0, 0)
@@ -189,12 +195,18 @@ class KernelSum:
 
     def values(self, points: ArrayLike) -> Array:
         """Return f (n,) of inputs (n, d)."""
-        rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
+        rows = self.scaled_rows(points)
+        return self.in_chunks(rows, lambda part: self._features(part) @ self.weights) + self.bias
+
+    def scaled_rows(self, points: ArrayLike) -> Array:
+        """Return inputs (n, d) relative to `origin`, scaled."""
+        return (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
+
+    def in_chunks(self, rows: Array, evaluate: Callable[[Array], Array]) -> Array:
+        """Return the values (n,) of rows (n, d), of so many at a time that they fit in memory."""
         size = max(1, _CHUNK // len(self))
-        parts = [
-            self._features(rows[i : i + size]) @ self.weights for i in range(0, len(rows), size)
-        ]
-        return np.concatenate([*parts, np.empty(0)]) + self.bias
+        parts = [evaluate(rows[i : i + size]) for i in range(0, len(rows), size)]
+        return np.concatenate([*parts, np.empty(0)])
 
     def _features(self, rows: Array) -> Array:
         """Return the kernel of scaled rows (n, d) with each centre (n, centres)."""
@@ -210,9 +222,7 @@ class KernelSum:
 
         f is this times the weights, plus the bias.
         """
-        return self._features(
-            (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
-        )
+        return self._features(self.scaled_rows(points))
 
     @cached_property
     def _matrix(self) -> ca.MX:
@@ -284,22 +294,188 @@ class KernelSum:
             slope += 2 * u * ca.sum1(pull)
         return ca.dot(self._weights, value) + self.bias, slope / ca.DM(self.scale)
 
-    def slope(self, x: ca.MX) -> ca.MX:
-        """Return the gradient (d,) at one point (d,), see `value_and_slope`."""
-        return self.value_and_slope(x)[1]
-
     def scaled(self, factor: float, offset: float) -> KernelSum:
         """Return `factor` times this sum, plus `offset`."""
         return replace(self, weights=factor * self.weights, bias=factor * self.bias + offset)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """Return (settings for JSON, arrays): everything that `from_parts` needs."""
-        arrays = {name: getattr(self, name) for name in ("centres", "weights", "mean", "scale")}
+        arrays = {name: getattr(self, name) for name in _SUM_ARRAYS}
         return {"kernel": asdict(self.kernel), "bias": self.bias}, arrays
 
     @classmethod
     def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, Array]) -> KernelSum:
         """Return the sum with these `parts`."""
-        names = ("centres", "weights", "mean", "scale")
-        centres, weights, mean, scale = (arrays[name] for name in names)
+        centres, weights, mean, scale = (arrays[name] for name in _SUM_ARRAYS)
         return cls(Kernel(**settings["kernel"]), centres, weights, settings["bias"], mean, scale)
+
+
+_LEAVES: Final = 8
+"""Largest number of bands of one input."""
+
+_LEAST_SHARE: Final = 0.01
+"""Least share of the data in a band."""
+
+_PRICE: Final = 2.0
+"""Least improvement by a step, in units of noise variance times log n.
+
+One unit is for the place of the step and one for its height (Schwarz).
+"""
+
+_ROUNDS: Final = 4
+"""Iterations of backfitting."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Some of the inputs, unchanged.
+
+    Attributes:
+        used: their numbers.
+    """
+
+    used: tuple[int, ...]
+
+    def __len__(self) -> int:
+        """Return the number of features."""
+        return len(self.used)
+
+    def part(self, features: Sequence[int]) -> Columns:
+        """Return some of the features, by number."""
+        return Columns(tuple(self.used[i] for i in features))
+
+    def values(self, points: Array) -> Array:
+        """Return the features (n, m) of inputs (n, d)."""
+        return points[:, self.used]
+
+    def expression(self, x: ca.MX) -> ca.MX:
+        """Return the features (m,) of inputs (d,), an expression."""
+        return x if self.used == tuple(range(x.shape[0])) else x[list(self.used)]
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings for JSON, arrays): everything that `features_from` needs."""
+        return {"used": list(self.used)}, {}
+
+
+_STEP_ARRAYS: Final = ("column", "place", "height", "spread")
+"""The arrays of `Steps`, one entry for each step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Soft steps of some inputs: one feature for each input with steps.
+
+    Attributes:
+        column: input of each step, ascending (m,).
+        place: c of each step (m,).
+        height: h of each step (m,).
+        spread: standard deviation of the input of each step (m,).
+        widths: widths of the soft steps, in units of the spread.
+        shares: shares of the widths; the sum is 1.
+    """
+
+    column: NDArray[np.int64]
+    place: Array
+    height: Array
+    spread: Array
+    widths: tuple[float, ...]
+    shares: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Check the widths.
+
+        Raises:
+            ModelError: if a width is not positive, or the shares do not add up to 1.
+        """
+        widths, shares = tuple(map(float, self.widths)), tuple(map(float, self.shares))
+        if not widths or min(widths) <= 0 or not are_shares(shares, len(widths)):
+            raise ModelError(
+                f"steps: got widths {widths} with shares {shares}, "
+                "allowed positive widths and as many shares, not negative, adding up to 1"
+            )
+        object.__setattr__(self, "widths", widths)
+        object.__setattr__(self, "shares", shares)
+
+    @classmethod
+    def fit(
+        cls, points: Array, labels: Array, widths: Sequence[float], shares: Sequence[float]
+    ) -> Steps:
+        """Find the steps in points (n, d) with labels (n,). There may be none.
+
+        Raises:
+            ModelError: if widths or shares are not allowed.
+            MissingExtraError: if scikit-learn is not installed.
+        """
+        tree = sklearn("tree", "fitting a kernel cost").DecisionTreeRegressor
+        n, d = points.shape
+        effects, found = np.zeros((n, d)), [(np.empty(0), np.empty(0))] * d
+        for _ in range(_ROUNDS):
+            for j in range(d):
+                rest = labels - labels.mean() - effects.sum(axis=1) + effects[:, j]
+                fitted = tree(
+                    max_leaf_nodes=_LEAVES,
+                    min_samples_leaf=max(1, round(_LEAST_SHARE * n)),
+                    ccp_alpha=_PRICE * rest.var() * np.log(n) / n,
+                ).fit(points[:, [j]], rest)
+                places = np.sort(fitted.tree_.threshold[fitted.tree_.feature >= 0])
+                band = np.searchsorted(places, points[:, j])
+                levels = np.bincount(band, rest, len(places) + 1) / np.bincount(
+                    band, minlength=len(places) + 1
+                )
+                effects[:, j] = levels[band]
+                found[j] = places, np.diff(levels)
+        column = np.repeat(np.arange(d), [len(places) for places, _ in found])
+        place, height = (np.concatenate([pair[i] for pair in found]) for i in (0, 1))
+        return cls(column, place, height, points.std(axis=0)[column], tuple(widths), tuple(shares))
+
+    @cached_property
+    def used(self) -> list[int]:
+        """Inputs that have steps, in the order of the features."""
+        return sorted(set(self.column.tolist()))
+
+    def __len__(self) -> int:
+        """Return the number of features."""
+        return len(self.used)
+
+    def part(self, features: Sequence[int]) -> Steps:
+        """Return some of the features, by number."""
+        kept = np.isin(self.column, [self.used[i] for i in features])
+        arrays = (getattr(self, name)[kept] for name in _STEP_ARRAYS)
+        return Steps(*arrays, widths=self.widths, shares=self.shares)
+
+    @cached_property
+    def _heights(self) -> Array:
+        """Half the heights, as a matrix (features, steps)."""
+        return np.array([np.where(self.column == j, self.height / 2, 0.0) for j in self.used])
+
+    def values(self, points: Array) -> Array:
+        """Return the features (n, features) of inputs (n, d)."""
+        away = (points[:, self.column] - self.place) / self.spread
+        soft = sum(
+            share * np.tanh(away / width)
+            for width, share in zip(self.widths, self.shares, strict=True)
+        )
+        return (1 + soft) @ self._heights.T
+
+    def expression(self, x: ca.MX) -> ca.MX:
+        """Return the features of inputs (d,), an expression."""
+        away = (x[self.column.tolist()] - ca.DM(self.place)) / ca.DM(self.spread)
+        soft = ca.MX(1)
+        for width, share in zip(self.widths, self.shares, strict=True):
+            soft += share * ca.tanh(away / width)
+        return ca.sparsify(ca.DM(self._heights)) @ soft
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings for JSON, arrays): everything that `features_from` needs."""
+        arrays = {name: getattr(self, name) for name in _STEP_ARRAYS}
+        return {"widths": list(self.widths), "shares": list(self.shares)}, arrays
+
+
+def features_from(
+    settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> Columns | Steps:
+    """Return the features with these `parts`."""
+    if "used" in settings:
+        return Columns(tuple(settings["used"]))
+    column, place, height, spread = (arrays[name] for name in _STEP_ARRAYS)
+    return Steps(column, place, height, spread, settings["widths"], settings["shares"])

@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import path_of
 from ergoqp.errors import ModelError
-from ergoqp.files.npz import read_npz
-from ergoqp.files.whole import whole
+from ergoqp.files.atomic import atomic_write
+from ergoqp.files.read import read_npz
+
+Settings = Mapping[str, Any]
+"""Settings of a model, for JSON."""
+
+Arrays = Mapping[str, NDArray[Any]]
+"""Arrays of a model, by name."""
 
 FORMAT: Final = "ergoqp-model-1"
 """Name of the format, in the header of every file."""
@@ -25,9 +31,7 @@ FORMAT: Final = "ergoqp-model-1"
 _HEADER: Final = "header"
 
 
-def save_model(
-    path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
-) -> None:
+def save_model(path: Path | str, header: Settings, arrays: Arrays) -> None:
     """Write a model. An existing file is replaced in one move, so no reader sees half of it.
 
     Args:
@@ -43,7 +47,7 @@ def save_model(
     full = {"format": FORMAT, **header, "checksum": _checksum(header, numbers)}
     text = np.frombuffer(json.dumps(full, sort_keys=True).encode(), dtype=np.uint8)
     try:
-        with whole(path) as scratch, scratch.open("wb") as file:
+        with atomic_write(path) as scratch, scratch.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **numbers)
     except OSError as error:
         raise ModelError(f"{path.name}: cannot be written: {error.strerror}") from None
@@ -62,10 +66,10 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         header = json.loads(arrays.pop(_HEADER).tobytes())
         claimed = header.pop("checksum")
         if header.pop("format") != FORMAT:
-            raise ModelError(f"{path.name}: is a model of another format, allowed {FORMAT}")
+            raise ModelError(f"{path.name}: is a model of another format; {FORMAT} is read")
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         raise ModelError(
-            f"{path.name}: is not a model file ({type(error).__name__}), allowed one of {FORMAT}"
+            f"{path.name}: is not a model file of {FORMAT} ({type(error).__name__})"
         ) from None
     if claimed != _checksum(header, arrays):
         raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")
@@ -75,7 +79,7 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     return header, arrays
 
 
-def _checksum(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
+def _checksum(header: Settings, arrays: Arrays) -> str:
     digest = hashlib.sha256(json.dumps(dict(header), sort_keys=True).encode())
     for name in sorted(arrays):
         values = arrays[name]

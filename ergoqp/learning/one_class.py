@@ -1,13 +1,30 @@
-"""The region of the data: a one-class SVM with radial kernels.
+"""The region of the data: a one-class SVM with radial kernels, and its margin.
+
+The margin of a one-class SVM with radial kernels, with a slope that does not vanish far away.
+
+Far from the data, f(x) = sum_i a_i k(u, s_i) - rho with k(u, s) = exp(-gamma |u - s|^2) is
+flat. So the margin is written as a logarithm:
+
+    g(x) = log sum_i a_i k(u, s_i) - log rho.
+
+It has the same zero set, and it falls like -gamma times the squared distance. It is a
+log-sum-exp of concave quadratics that share one curvature. So it has a lower bound for every
+displacement D of the scaled point,
+
+    g(u + D) >= g(u) + grad g . D - gamma |D|^2,
+
+from which `ergoqp.limits.OneClassBoundary` builds a row that holds exactly. The region of the data:
+a one-class SVM with radial kernels.
 
 The decision function is f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0. The scaled point is
 u = (x - mean) / scale, and k(u, s) = exp(-gamma |u - s|^2). A point is inside where f >= 0.
-The margin is in `ergoqp.learning.one_class_margin`.
+The margin is in `ergoqp.learning.one_class`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,8 +37,16 @@ from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.model_file import load_model, save_model
-from ergoqp.learning.one_class_margin import Margin
 from ergoqp.learning.pipelines import check_radians, dense, named, sklearn, unpack
+
+_STARTS: Final = 16
+"""Number of support vectors from which the largest margin is searched."""
+
+_CLIMB: Final = 30
+"""Number of steps of this search."""
+
+Array = NDArray[np.float64]
+
 
 KIND: Final = "one_class"
 """The kind in the header of its files."""
@@ -31,8 +56,6 @@ _TOLERANCE: Final = 1e-6
 
 With a thousandth, the default of scikit-learn, twice the share of points would be outside.
 """
-
-Array = NDArray[np.float64]
 
 
 class OneClass:
@@ -99,41 +122,18 @@ class OneClass:
             centres[kept],
             weights[kept],
             -float(rho),
-            _vector(mean),
-            _vector(scale),
+            np.ravel(mean),
+            np.ravel(scale),
         )
+        self.gamma = self._sum.kernel.gamma
+        self.mean, self.scale = self._sum.mean, self._sum.scale
+        self.centres, self.weights = self._sum.centres, self._sum.weights
         if len(self.scale) != len(self.coordinates):
             raise ModelError(
                 f"one-class SVM: got {len(self.scale)} inputs, allowed {len(self.coordinates)}, one"
                 " per coordinate"
             )
         self.log_rho = float(np.log(rho))
-        self._margin = Margin(self._sum, self.log_rho)
-
-    @property
-    def gamma(self) -> float:
-        """Gamma of the kernel, per squared scaled unit."""
-        return self._sum.kernel.gamma
-
-    @property
-    def mean(self) -> Array:
-        """Subtracted from the inputs (d,)."""
-        return self._sum.mean
-
-    @property
-    def scale(self) -> Array:
-        """Divides the inputs after that (d,)."""
-        return self._sum.scale
-
-    @property
-    def centres(self) -> Array:
-        """Support vectors, scaled (n, d)."""
-        return self._sum.centres
-
-    @property
-    def weights(self) -> Array:
-        """Factor of each kernel, positive (n,)."""
-        return self._sum.weights
 
     @classmethod
     def fit(
@@ -176,7 +176,7 @@ class OneClass:
         model = cls.from_estimator(estimator, names)
         if model.decision(rows).max() <= 10 * _TOLERANCE:
             raise ModelError(
-                f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}, allowed a"
+                f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}; use a"
                 " smaller gamma"
             )
         return model
@@ -208,9 +208,9 @@ class OneClass:
         gamma = svm._gamma  # the value of "scale" and "auto", which has no public name
         centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
-        if np.exp(model.log_rho) * np.expm1(model._margin.summit()) < -svm.tol:
+        if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
             raise ModelError(
-                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed"
+                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}; use"
                 " another nu or gamma"
             )
         return model
@@ -221,12 +221,70 @@ class OneClass:
 
     def margin(self, points: ArrayLike) -> Array:
         """Return g (n,) of inputs (n, d): 0 on the boundary, positive inside, finite everywhere."""
-        return self._margin(points)
+        rows = self._sum.scaled_rows(points)
+        values = self._sum.in_chunks(rows, self._log_sum)
+        return values - self.gamma * (rows**2).sum(axis=1) - self.log_rho
+
+    def _log_sum(self, rows: Array) -> Array:
+        exponents = self._exponents(rows)
+        largest = exponents.max(axis=1)
+        return largest + np.log(np.exp(exponents - largest[:, np.newaxis]).sum(axis=1))
+
+    def _summit(self) -> float:
+        """Return the largest margin that is found uphill from the innermost support vectors.
+
+        All support vectors can be outside although other points are inside. Each step moves a
+        point to the mean of the centres, weighted by their shares in the sum. This never
+        lowers the margin (mean shift).
+        """
+        rows = self._sum.points[
+            np.argsort(-self.margin(self.centres * self.scale + self.mean))[:_STARTS]
+        ]
+        for _ in range(_CLIMB):
+            exponents = self._exponents(rows)
+            shares = np.exp(exponents - exponents.max(axis=1)[:, np.newaxis])
+            rows = shares @ self._sum.points / shares.sum(axis=1)[:, np.newaxis]
+        return float(self.margin(rows * self.scale + self._sum.origin).max())
+
+    def _exponents(self, rows: Array) -> Array:
+        """Return the exponents (n, centres) at points, without -gamma |u|^2.
+
+        The points are scaled and relative to the origin (n, d).
+        """
+        return self._offsets + 2 * self.gamma * rows @ self._sum.points.T
+
+    @cached_property
+    def _offsets(self) -> Array:
+        """Exponents at the origin (n,): log a_i - gamma |s_i|^2.
+
+        The common term -gamma |u|^2 is left out of the sum.
+        """
+        return np.log(self.weights) - self.gamma * (self._sum.points**2).sum(axis=1)
 
     @property
     def margin_and_slope(self) -> ca.Function:
         """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices."""
-        return self._margin.function
+        return self._margin_and_slope
+
+    @cached_property
+    def _margin_and_slope(self) -> ca.Function:
+        """Return the function of `margin_and_slope`.
+
+        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma
+        (sum_i p_i s_i - u). The largest exponent is subtracted first, so that nothing
+        underflows far away.
+        """
+        scale = self.scale
+        x = ca.MX.sym("x", len(scale))
+        u = (x - ca.DM(self._sum.origin)) / ca.DM(scale)
+        matrix = ca.MX(ca.DM(2 * self.gamma * self._sum.points))
+        exponents = matrix @ u + ca.DM(self._offsets)
+        largest = ca.mmax(exponents)
+        shares = ca.exp(exponents - largest)
+        total = ca.sum1(shares)
+        value = largest + ca.log(total) - self.gamma * ca.sumsqr(u) - self.log_rho
+        slope = ((shares.T @ matrix).T / total - 2 * self.gamma * u) / ca.DM(scale)
+        return ca.Function("one_class", [x], [value, slope], ["x"], ["margin", "slope"])
 
     def save(self, path: Path | str) -> None:
         """Write the model to a file (npz with a JSON header and a checksum).
@@ -270,10 +328,6 @@ def _coordinates(names: Coordinates | Sequence[str]) -> Coordinates:
         if isinstance(names, Coordinates)
         else Coordinates(names_of("coordinates", names, "a list of names", ModelError))
     )
-
-
-def _vector(values: ArrayLike) -> Array:
-    return np.asarray(values, dtype=float).ravel()
 
 
 def _points(points: ArrayLike, width: int) -> Array:

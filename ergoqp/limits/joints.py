@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, flag, read_array, shown
+from ergoqp.arguments import Range, check_kind, check_parameters, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
-
-_SLOWEST: Final = 1e-3
-"""Smallest rate limit of a joint [deg/s]."""
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins
 
 
 @dataclass(frozen=True)
@@ -54,18 +51,18 @@ class JointLimit:
     """
 
     ranges_deg: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    rate_deg: float = 90.0
-    yield_zone_deg: float = 1.5
-    tolerance_deg: float = 2.0
-    recovery_time: float = 1.0
+    rate_deg: Annotated[float, Range(1e-3, 1e4, "deg/s", (6.3, 720.0))] = 90.0
+    yield_zone_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 1.5
+    tolerance_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 2.0
+    recovery_time: Recovery = 1.0
     recover: bool = False
     hard = False
-    proven = False
+    margin_is_lower_bound = False
     linear = True
     unit = "rad"
     names = JOINTS
     state = JOINTS
-    holds = "joints"
+    kind = "joints"
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
@@ -89,11 +86,7 @@ class JointLimit:
                     f"ranges_deg of {name}: got {low:g} to {high:g}, allowed within {least:.0f} to"
                     f" {greatest:.0f} deg"
                 )
-        object.__setattr__(self, "recover", flag("recover", self.recover))
-        check_number("rate_deg", self.rate_deg, _SLOWEST, 1e4)
-        check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES)
-        for name in ("yield_zone_deg", "tolerance_deg"):
-            check_number(name, getattr(self, name), 0.0, 20.0)
+        check_parameters(self)
 
     @cached_property
     def tolerance(self) -> float:
@@ -114,23 +107,23 @@ class JointLimit:
         return lower, upper
 
     @property
-    def returns(self) -> tuple[bool, ...]:
+    def recovers(self) -> tuple[bool, ...]:
         """Which joints ask to come back when they are outside, see `recover`."""
         return tuple(self.recover and name in self.ranges_deg for name in JOINTS)
 
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return one row per joint. The row of a joint that the object cannot move is zero."""
         lower, upper = self.range
-        q, seen = situation.posture, situation.observed
-        landed = q + situation.shift
+        q, seen = context.posture, context.observed
+        landed = q + context.shift
         below = ca.if_else(seen, landed - ca.DM(lower), ca.inf)
         above = ca.if_else(seen, ca.DM(upper) - landed, ca.inf)
         rate = ca.DM([np.radians(self.rate_deg)] * len(JOINTS))
-        return Rows(situation.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
+        return Rows(context.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the path, by the linear model of the person."""
-        return straight_margins(self.rows(situation), displacement)
+        return straight_margins(self.rows(context), displacement)

@@ -1,17 +1,27 @@
-"""Where the contact point must not be: below a plane, in a box, in a ball."""
+"""Where the contact point must not be, and the straight way out for an object that is there.
+
+The straight way out of regions to keep out of, for an object that is in one.
+
+The nearest face of a region may lie outside the workspace or in another region. Then the object
+would be pushed against a wall and stay.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Protocol
+from functools import cached_property
+from itertools import product
+from typing import Annotated, Any, ClassVar, Final, Protocol
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_number, check_text, object_of, read_array, shown
-from ergoqp.errors import InputError
+from ergoqp.arguments import Range, check_has, check_parameters, check_text, shown
+from ergoqp.errors import InputError, last_line
+from ergoqp.expressions import dense
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
 
 _TINY: Final = 1e-30
 """Keeps the slope of a square root finite [m^2]."""
@@ -27,6 +37,10 @@ _SAMPLES: Final = ((0.31, -0.42, 1.13), (-1.7, 2.3, 0.2), (0.04, 0.07, -0.9))
 
 _UNIT: Final = 1e-6
 """Tolerance of the length of a unit vector."""
+
+
+_Coordinate = Annotated[float, Range(unit="m", usual=(-10.0, 10.0))]
+_Point = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class Region(Protocol):
@@ -72,17 +86,17 @@ class HalfSpace:
     """
 
     normal: tuple[float, float, float]
-    offset: float
+    offset: Annotated[float, Range(-_LARGEST, _LARGEST, "m", (-10.0, 10.0))]
     flat: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the numbers and make the normal a unit vector."""
-        normal = _three("keep_out normal", self.normal)
+        normal = np.array(three("keep_out normal", self.normal, _LARGEST))
         length = float(np.linalg.norm(normal))
         if length < 1e-9:
             raise InputError(f"keep_out normal: got {self.normal}, allowed any vector but zero")
         object.__setattr__(self, "normal", tuple((normal / length).tolist()))
-        check_number("keep_out offset", self.offset, -_LARGEST, _LARGEST, "m")
+        check_parameters(self, "keep_out ")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction. The direction is the normal everywhere."""
@@ -110,14 +124,13 @@ class Ball:
         0.8
     """
 
-    centre: tuple[float, float, float]
-    radius: float
+    centre: _Point
+    radius: Annotated[float, Range(1e-9, _LARGEST, "m", (0.005, 5.0))]
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        centre = _three("keep_out centre", self.centre)
-        object.__setattr__(self, "centre", tuple(centre.tolist()))
-        check_number("keep_out radius", self.radius, 0.0, _LARGEST, "m")
+        object.__setattr__(self, "centre", three("keep_out centre", self.centre, _LARGEST))
+        check_parameters(self, "keep_out ")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction: away from the centre, and up at the centre itself."""
@@ -146,19 +159,19 @@ class Box:
         1.0
     """
 
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
+    lower: _Point
+    upper: _Point
 
     def __post_init__(self) -> None:
         """Check the numbers, and that the box is not empty."""
-        lower, upper = (_three(f"keep_out {end}", getattr(self, end)) for end in ("lower", "upper"))
-        if not np.all(lower < upper):
+        for end in ("lower", "upper"):
+            corner = three(f"keep_out {end}", getattr(self, end), _LARGEST)
+            object.__setattr__(self, end, corner)
+        if not np.less(self.lower, self.upper).all():
             raise InputError(
                 f"keep_out: got lower {self.lower} not below upper {self.upper}, allowed"
                 " lower < upper"
             )
-        object.__setattr__(self, "lower", tuple(lower.tolist()))
-        object.__setattr__(self, "upper", tuple(upper.tolist()))
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction, from the nearest point; inside, from the nearest face."""
@@ -209,30 +222,25 @@ class KeepOut:
     """
 
     region: Region
-    tolerance: float = 1e-6
-    recovery_time: float = 2.0
+    tolerance: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
+    recovery_time: Recovery = 2.0
     name: str = "keep out"
     hard = True
-    proven = False
+    margin_is_lower_bound = False
     yield_zone = 0.0
     unit = "m"
-    breach = "in"
-    returns = (True,)
+    violation_label = "in"
+    recovers = (True,)
     state = JOINTS
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        known = callable(getattr(self.region, "nearest", None))
-        if not known or isinstance(self.region, type):
-            allowed = "a HalfSpace, Box or Ball of ergoqp.limits.keep_out"
-            if known and isinstance(self.region, type):
-                allowed = object_of(self.region)
-            raise InputError(f"keep_out region: got {shown(self.region)}, allowed {allowed}")
+        allowed = "a HalfSpace, Box or Ball of ergoqp.limits.keep_out"
+        check_has("keep_out region", self.region, "nearest", allowed)
         if not isinstance(self.region, (HalfSpace, Ball, Box)):
             _check_nearest(self.region)
         check_text("keep_out name", self.name)
-        check_number("keep_out tolerance", self.tolerance, 0.0, 1.0)
-        check_number("keep_out recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
+        check_parameters(self, "keep_out ")
 
     @property
     def tangent(self) -> bool:
@@ -247,15 +255,15 @@ class KeepOut:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the half-space that touches the region nearest to the object.
 
         Inside a region of the package, it is the half-space at the end of the way out, see
-        `ergoqp.limits.way_out`.
+        `ergoqp.limits.keep_out`.
         """
-        ahead = situation.ahead[:3]
-        distance, direction = self.region.nearest(situation.pose[:3, 3] - ahead)
-        if (way := situation.readings.get(self.name)) is not None:
+        ahead = context.pending_displacement[:3]
+        distance, direction = self.region.nearest(context.pose[:3, 3] - ahead)
+        if (way := context.readings.get(self.name)) is not None:
             inside = way[3] > 0
             direction = ca.if_else(inside, way[:3], direction)
             distance = ca.if_else(inside, -way[3], distance)
@@ -263,11 +271,11 @@ class KeepOut:
         matrix = ca.SX(1, 6)
         matrix[0, :3] = direction.T
         free, straight = ca.SX([ca.inf]), ca.SX(1, 1)
-        return situation.counted(self.name, Rows(matrix, distance, free, free, straight))
+        return context.reduced(self.name, Rows(matrix, distance, free, free, straight))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest distance to the edge of that half-space on a straight path."""
-        return straight_margins(self.rows(situation), displacement, situation)
+        return straight_margins(self.rows(context), displacement, context)
 
 
 def _check_nearest(region: Region) -> None:
@@ -279,10 +287,9 @@ def _check_nearest(region: Region) -> None:
         lengths = [float(nearest(at)[1]) for at in _SAMPLES]
         shapes = distance.shape, direction.shape
     except Exception as error:  # any error in the code of a user's region
-        words = (str(error).strip().splitlines() or [""])[-1][:100]
         raise InputError(
-            f"keep_out region: got {type(error).__name__} ({words}) from nearest of"
-            f" {shown(region)}, allowed a distance and a direction (3,) of CasADi"
+            f"keep_out region: got {type(error).__name__} ({last_line(error)[:100]}) from nearest"
+            f" of {shown(region)}, allowed a distance and a direction (3,) of CasADi"
         ) from None
     if shapes != ((1, 1), (3, 1)):
         raise InputError(
@@ -297,8 +304,266 @@ def _check_nearest(region: Region) -> None:
             )
 
 
-def _three(what: str, value: Any) -> np.ndarray:
-    numbers = read_array(what, value, (3,), "three finite numbers")
-    if np.abs(numbers).max() > _LARGEST:
-        raise InputError(f"{what}: got {shown(value)}, allowed numbers up to {_LARGEST:g}")
-    return numbers
+_FAR: Final = 1e6
+"""Stands for the length of a way that does not end [m]."""
+
+_CLEAR: Final = 2e-3
+"""Distance from a region at which an object outside the workspace passes it [m]."""
+
+_ROUNDING: Final = 1e-9
+
+_MOVES: Final = 1e-4
+"""A half-space whose normal has less than this along the object's axes cannot be left."""
+
+_DIRECTIONS: Final = np.array(
+    sorted((each for each in product((0, 1, -1), repeat=3) if any(each)), key=np.count_nonzero),
+    dtype=float,
+).T
+"""Along the axes, then between two and three of them (3, 26)."""
+
+
+@dataclass(frozen=True)
+class WayOut:
+    """The shortest straight way from a place in a region to a place where every region holds.
+
+    A way leads along an axis, between axes, or from the nearest point of the region. It counts if
+    it enters no other region and does not leave the workspace. On the way its length falls by the
+    way that is made, and so does the least of all lengths. So an object that follows the shortest
+    one at every step comes out, and no step leads it further in.
+
+    An object outside the workspace is led past regions between it and the workspace in the same
+    manner: out of all places from which the straight way back meets a region.
+
+    Regions of users say where their nearest point is, and not where a way through them ends. They
+    are left by that point, as if they were alone.
+
+    Attributes:
+        kept: all regions of the package that the object can leave.
+        lower: least x, y, z of the workspace (3,) [m].
+        upper: greatest x, y, z of the workspace (3,) [m].
+        inside: distance outside the workspace that counts as inside [m].
+        room: distance from the workspace's ends at which the object can rest (3,) [m].
+        moves: whether the object can move along x, y, z.
+        noise: largest error of a measured position, in any direction [m].
+    """
+
+    kept: tuple[KeepOut, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    inside: float
+    room: tuple[float, ...]
+    moves: tuple[bool, ...]
+    noise: float
+
+    @classmethod
+    def of(
+        cls, limits: Sequence[Any], box: Any, room: np.ndarray, moves: np.ndarray, noise: np.ndarray
+    ) -> WayOut | None:
+        """Return the way out of the regions among some limits, or None if there is none to leave.
+
+        Args:
+            limits: limits of a problem.
+            box: its `WorkspaceBox`, or None.
+            room: distance from the box's ends at which the object can rest (3,) [m].
+            moves: whether the object can move along x, y, z (3,).
+            noise: largest error of a measured position along each axis (3,) [m].
+        """
+        kept = tuple(limit for limit in limits if _can_be_left(limit, moves))
+        if not kept:
+            return None
+        error = float(np.linalg.norm(noise))
+        ends = ((-np.inf,) * 3, (np.inf,) * 3) if box is None else (box.lower, box.upper)
+        inside = error if box is None else box.tolerance + error
+        return cls(kept, *ends, inside, tuple(room + error), tuple(moves.tolist()), error)
+
+    @property
+    def recovery_time(self) -> float:
+        """Time constant of the way out [s]. The speed is its length / recovery_time."""
+        return max(limit.recovery_time for limit in self.kept)
+
+    @property
+    def size(self) -> int:
+        """Number of entries of `function`'s result."""
+        return 5 + len(self.kept)
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """``pose (4, 4) -> way (5 + k,)``.
+
+        The entries are the direction (3,) of the way, its length [m], 1 if a way is needed and
+        there is none, and for each region the length of the way inside it [m]. All are zero where
+        no way is needed.
+        """
+        pose = ca.MX.sym("pose", 4, 4)
+        given = [pose[:3, 3], *self._where(pose[:3, 3])]
+        symbols = [ca.MX.sym("at", part.shape[0]) for part in given]
+        found = ca.Function("found", symbols, [self._search(*symbols)])
+        none = ca.Function("none", symbols, [ca.MX(ca.DM.zeros(self.size))])
+        way = ca.Function.if_else("way", found, none)(
+            ca.mmax(ca.vertcat(given[2], given[3])), *given
+        )
+        return ca.Function("way_out", [pose], [way], ["pose"], ["way"])
+
+    def of_limits(self, way: Any) -> dict[str, Any]:
+        """Return for each region, by name, the direction (3,) of the way and its length inside."""
+        return {
+            limit.name: ca.vertcat(way[:3], way[5 + number])
+            for number, limit in enumerate(self.kept)
+        }
+
+    @cached_property
+    def _where(self) -> ca.Function:
+        """``place (3,) -> (back (3,), within (k,), behind (k,))``.
+
+        `back` leads straight back to the workspace. `within` is 1 for regions that the place is
+        in, `behind` for regions that the way back meets.
+        """
+        place = ca.SX.sym("place", 3)
+        off = ca.fmin(ca.fmax(place, ca.DM(self.lower)), ca.DM(self.upper)) - place
+        back = ca.if_else(ca.fabs(off) > self.inside, off, 0) * ca.DM(self.moves)
+        still, outside = ca.SX(3, 1), ca.norm_1(back) > 0
+        within = [self._depth(limit, place, still, 0) > self._allowed(limit) for limit in self.kept]
+        behind = [self._depth(limit, place, back, _CLEAR) > 0 for limit in self.kept]
+        parts = [back, ca.vertcat(*within), outside * ca.vertcat(*behind)]
+        return ca.Function("where", [place], ca.cse(dense(parts)))
+
+    def _allowed(self, limit: KeepOut) -> float:
+        """How deep in a region still counts as outside [m]."""
+        return limit.tolerance + self.noise
+
+    def _search(self, place: ca.MX, back: ca.MX, within: ca.MX, behind: ca.MX) -> ca.MX:
+        moves = np.array(self.moves, dtype=float)
+        fixed = [each for each in _DIRECTIONS.T if not each[moves == 0].any()]
+        away = [ca.MX(ca.DM(each / np.linalg.norm(each))) for each in fixed]
+        for limit in self.kept:
+            if not isinstance(limit.region, Box):
+                # Along the other axes the object stays where it is.
+                out = ca.DM(moves) * _outward(limit.region, place)
+                away.append(out / (ca.norm_2(out) + _ROUNDING))
+        directions = ca.horzcat(*away)
+        given = [ca.repmat(part, 1, len(away)) for part in (place, back, within, behind)]
+        lengths = self._length.map(len(away))(directions, *given)[0]
+        direction, length = _shortest(len(away))(directions, lengths)
+        parts = self._length(direction, place, back, within, behind)[1]
+        exists = length < _FAR / 2
+        return ca.vertcat(exists * ca.vertcat(direction, length), 1 - exists, exists * parts)
+
+    @cached_property
+    def _length(self) -> ca.Function:
+        """``(direction (3,), place, *_where) -> (length, length in each region (k,))``.
+
+        The length is `_FAR` if the way does not count.
+        """
+        k = len(self.kept)
+        d, place, back = (ca.SX.sym(name, 3) for name in ("d", "place", "back"))
+        within, behind = ca.SX.sym("within", k), ca.SX.sym("behind", k)
+        still, length, parts = ca.SX(3, 1), ca.SX(0), []
+        for number, limit in enumerate(self.kept):
+            part = within[number] * _ends(limit.region, place, d, still, 0)[1]
+            passed = behind[number] * _ends(limit.region, place, d, back, _CLEAR)[1]
+            length = ca.fmax(length, ca.fmax(part, passed))
+            parts.append(part)
+        end, room = place + length * d, ca.DM(self.room)
+        counts = length < _FAR / 2
+        for low, high in (
+            (ca.fmin(ca.DM(self.lower) + room, place), end),
+            (end, ca.fmax(ca.DM(self.upper) - room, place)),
+        ):
+            counts = ca.logic_and(counts, ca.mmin(high - low) >= -_ROUNDING)
+        for number, limit in enumerate(self.kept):
+            enter, leave = _ends(limit.region, place, d, still, -self._allowed(limit))
+            enters = ca.logic_and(
+                enter < ca.fmin(leave, length + max(self.room)), leave > _ROUNDING
+            )
+            enters = ca.logic_and(enters, ca.logic_not(within[number]))
+            blocked = self._depth(limit, end, back, 0) > _ROUNDING
+            counts = ca.logic_and(counts, ca.logic_not(ca.logic_or(enters, blocked)))
+        outputs = dense([ca.if_else(counts, length, _FAR), ca.vertcat(*parts)])
+        return ca.Function("length", [d, place, back, within, behind], ca.cse(outputs))
+
+    @staticmethod
+    def _depth(limit: KeepOut, place: ca.SX, back: ca.SX, grown: float) -> ca.SX:
+        """Return how deep a place is in a region that is drawn along ``-back`` and grown [m]."""
+        match limit.region:
+            case HalfSpace(normal, offset):
+                drawn = ca.sum1(ca.fmax(0, -ca.DM(normal) * back))
+                return offset + drawn + grown - ca.dot(ca.DM(normal), place)
+            case Ball(radius=radius):
+                return radius + grown - ca.norm_2(place - _centre(limit.region, place, back))
+            case region:
+                low, high = _corners(region, back, grown)
+                return ca.mmin(ca.fmin(place - low, high - place))
+
+
+def _can_be_left(limit: Any, moves: np.ndarray) -> bool:
+    """Return whether a limit is a region of the package that the object can leave by moving."""
+    region = limit.region if isinstance(limit, KeepOut) else None
+    if type(region) not in (HalfSpace, Ball, Box) or not moves.any():
+        return False
+    return type(region) is not HalfSpace or bool(
+        np.abs(np.array(region.normal)[moves]).sum() > _MOVES
+    )
+
+
+def _outward(region: Any, place: ca.MX) -> ca.MX:
+    """Return a way (3,) from a place to the nearest end of a half-space or a ball."""
+    if isinstance(region, HalfSpace):
+        return ca.MX(ca.DM(region.normal))
+    return place - ca.DM(region.centre)
+
+
+def _corners(region: Any, back: ca.SX, grown: float) -> tuple[ca.SX, ca.SX]:
+    """Return the corners of a box that is drawn along ``-back`` and grown."""
+    return (
+        ca.DM(region.lower) - ca.fmax(back, 0) - grown,
+        ca.DM(region.upper) - ca.fmin(back, 0) + grown,
+    )
+
+
+def _centre(region: Any, place: ca.SX, back: ca.SX) -> ca.SX:
+    """Return the centre that is nearest to a place, of a ball that is drawn along ``-back``."""
+    centre = ca.DM(region.centre)
+    return ca.fmin(ca.fmax(place, centre - ca.fmax(back, 0)), centre - ca.fmin(back, 0))
+
+
+def _ends(region: Any, place: ca.SX, d: ca.SX, back: ca.SX, grown: float) -> tuple[ca.SX, ca.SX]:
+    """Return where a straight way enters and leaves a region, as lengths from its beginning [m].
+
+    It does not meet the region if it leaves before it enters. The region is drawn along ``-back``
+    and grown.
+    """
+    match region:
+        case HalfSpace(normal, offset):
+            rate = ca.dot(ca.DM(normal), d)
+            offset = offset + ca.sum1(ca.fmax(0, -ca.DM(normal) * back)) + grown
+            depth = offset - ca.dot(ca.DM(normal), place)
+            end = depth / ca.if_else(ca.fabs(rate) > _ROUNDING, rate, _ROUNDING)
+            beyond = ca.if_else(depth > 0, _FAR, -_FAR)
+            leave = ca.if_else(rate > _ROUNDING, end, ca.if_else(rate < -_ROUNDING, _FAR, beyond))
+            return ca.if_else(rate < -_ROUNDING, end, -_FAR), leave
+        case Ball(radius=radius):
+            apart = place - _centre(region, place, back)
+            along, radius = ca.dot(d, apart), ca.fmax(radius + grown, 0)
+            square = along**2 - ca.sumsqr(apart) + radius**2
+            half = ca.sqrt(ca.fmax(square, 0))
+            return (
+                ca.if_else(square > 0, -along - half, _FAR),
+                ca.if_else(square > 0, half - along, -_FAR),
+            )
+    low, high = _corners(region, back, grown)
+    # Beside a face that the way does not approach, it is at one side of it for ever.
+    pace = ca.if_else(ca.fabs(d) > _ROUNDING, d, _ROUNDING / _FAR)
+    first, second = (low - place) / pace, (high - place) / pace
+    enter, leave = ca.mmax(ca.fmin(first, second)), ca.mmin(ca.fmax(first, second))
+    return ca.fmax(enter, -_FAR), ca.fmin(leave, _FAR)
+
+
+def _shortest(count: int) -> ca.Function:
+    """``(directions (3, n), lengths (1, n)) -> (direction (3,), length)``: the first shortest."""
+    directions, lengths = ca.SX.sym("directions", 3, count), ca.SX.sym("lengths", 1, count)
+    direction, length = directions[:, 0], lengths[0]
+    for number in range(1, count):
+        less = lengths[number] < length - _ROUNDING
+        direction = ca.if_else(less, directions[:, number], direction)
+        length = ca.if_else(less, lengths[number], length)
+    return ca.Function("shortest", [directions, lengths], [direction, length])

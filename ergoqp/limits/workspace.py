@@ -6,21 +6,21 @@ Both are hard rows on the object side.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Annotated, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_number, read_array
+from ergoqp.arguments import Range, check_parameters
 from ergoqp.errors import InputError
-from ergoqp.expressions.rigid import turned
+from ergoqp.expressions import turned
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
-
-_NARROWEST: Final = 1e-6
-"""Smallest half angle of a cone [deg]."""
+from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
 
 _AXIS_NAMES: Final = ("x", "y", "z")
+
+_Coordinate = Annotated[float, Range(unit="m", usual=(-3.0, 3.0))]
+_Point = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 @dataclass(frozen=True)
@@ -47,57 +47,56 @@ class WorkspaceBox:
         ('workspace x', 'workspace y', 'workspace z')
     """
 
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-    tolerance: float = 1e-6
-    recovery_time: float = 2.0
+    lower: _Point
+    upper: _Point
+    tolerance: Annotated[float, Range(0.0, 1.0, "m")] = 1e-6
+    recovery_time: Recovery = 2.0
     hard = True
-    proven = False
+    margin_is_lower_bound = False
     yield_zone = 0.0
     linear = True
     unit = "m"
     names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
     state = JOINTS
-    holds = "workspace"
-    returns = (True, True, True)
+    kind = "workspace"
+    recovers = (True, True, True)
 
     def __post_init__(self) -> None:
         """Check the numbers, and that the box is not empty."""
         for what, value in (("lower", self.lower), ("upper", self.upper)):
-            object.__setattr__(self, what, _three(f"workspace {what}", value))
+            object.__setattr__(self, what, three(f"workspace {what}", value))
         if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
             raise InputError(
                 f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <="
                 " upper"
             )
-        check_number("workspace tolerance", self.tolerance, 0.0, 1.0)
-        check_number("workspace recovery_time", self.recovery_time, *RECOVERY_TIMES)
+        check_parameters(self, "workspace ")
 
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return one row per axis."""
-        point = situation.pose[:3, 3]
+        point = context.pose[:3, 3]
         matrix = ca.DM(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
         free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
-        return situation.counted(
+        return context.reduced(
             self.names[0],
             Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight),
         )
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the path; they are exact, because a box is convex.
 
         A point outside that comes back must not leave the box at the other end. There the distance
         outside counts in addition.
         """
-        rows = self.rows(situation)
+        rows = self.rows(context)
         through = replace(
             rows,
-            below=rows.below + ca.fmin(rows.above, 0),
-            above=rows.above + ca.fmin(rows.below, 0),
+            to_lower=rows.to_lower + ca.fmin(rows.to_upper, 0),
+            to_upper=rows.to_upper + ca.fmin(rows.to_lower, 0),
         )
         return straight_margins(through, displacement)
 
@@ -124,22 +123,22 @@ class AxisCone:
     """
 
     direction: tuple[float, float, float]
-    half_angle_deg: float
-    tolerance: float = 1e-6
-    recovery_time: float = 2.0
+    half_angle_deg: Annotated[float, Range(1e-6, 170.0, "deg", (3.2, 170.0))]
+    tolerance: Annotated[float, Range(0.0, 1.0, "rad")] = 1e-6
+    recovery_time: Recovery = 2.0
     hard = True
-    proven = False
+    margin_is_lower_bound = False
     yield_zone = 0.0
-    bend = 3.0
+    curvature = 3.0
     unit = "rad"
     names = ("tool axis",)
     state = JOINTS
-    holds = "tool axis"
-    returns = (True,)
+    kind = "tool axis"
+    recovers = (True,)
 
     def __post_init__(self) -> None:
         """Check the numbers and make the direction a unit vector."""
-        direction = np.asarray(_three("tool axis direction", self.direction))
+        direction = np.asarray(three("tool axis direction", self.direction))
         length = float(np.linalg.norm(direction)) if np.abs(direction).max() <= 1e9 else np.inf
         if not 1e-9 < length < np.inf:
             raise InputError(
@@ -147,14 +146,12 @@ class AxisCone:
                 " long"
             )
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
-        check_number("half_angle_deg", self.half_angle_deg, _NARROWEST, 170.0, "deg")
-        check_number("tool axis tolerance", self.tolerance, 0.0, 1.0)
-        check_number("tool axis recovery_time", self.recovery_time, *RECOVERY_TIMES)
+        check_parameters(self, "tool axis ")
 
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the angle between the tool's axis and the direction.
 
         The angle grows with a turn about the normal of the two.
@@ -163,11 +160,9 @@ class AxisCone:
         the swing is exact to second order. The reserve covers turns that differ from the swing.
         Without it, the certification would brake a turn along the edge of the cone.
         """
-        axis, turn, change = (
-            situation.pose[:3, 0],
-            situation.swing[3:],
-            ca.norm_2(situation.change[3:]),
-        )
+        axis = context.pose[:3, 0]
+        turn = context.stop_displacement[3:]
+        change = ca.norm_2(context.change[3:])
         _, sine, cosine = self._slope(axis)
         matrix, _, _ = self._slope(turned(turn / 2, axis))
         middle = ca.DM(self.direction)
@@ -176,16 +171,16 @@ class AxisCone:
             0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn)
         )
         reserve = 1.5 * change * (2 * ca.sqrt(bend) + change) / (2 * ca.fmax(sine, 0.1))
-        start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
-        along += _mixed(situation, turn, change)
-        if situation.most is not None and situation.raised is not None:
-            along += _beyond(situation.raised + ca.norm_2(situation.most[3:]), sine)
+        start, along = _uncertain(context, sine, ca.norm_2(turn) + change)
+        along += _mixed(context, turn, change)
+        if context.overshoot_bound is not None and context.overshoot_angle is not None:
+            along += _beyond(context.overshoot_angle + ca.norm_2(context.overshoot_bound[3:]), sine)
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start
-        return situation.counted(
+        return context.reduced(
             self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along)
         )
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest margin during a turn about a fixed axis.
 
         It is exact except for the motion under way, see `_uncertain`.
@@ -193,8 +188,8 @@ class AxisCone:
         While the tool's axis a turns by phi about u, d . a(phi) = c + m cos(phi - phi0). The
         smallest value on [0, end] is at an end or where phi - phi0 = pi.
         """
-        middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
-        turn = situation.straight(displacement)[3:]
+        middle, axis = ca.DM(self.direction), context.pose[:3, 0]
+        turn = context.straight(displacement)[3:]
         end = ca.sqrt(ca.sumsqr(turn) + 1e-24)
         u = turn / end
         constant = ca.dot(u, axis) * ca.dot(u, middle)
@@ -204,9 +199,9 @@ class AxisCone:
         farthest = ca.pi + ca.atan2(sine, cosine)
         passes = ca.logic_and(farthest >= 0, farthest <= end)
         least = ca.fmin(at_end, ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
-        start, along = _uncertain(situation, self._slope(axis)[1], end)
-        along += _mixed(situation, turn)
-        lead, most, raised = situation.lead, situation.most, situation.raised
+        start, along = _uncertain(context, self._slope(axis)[1], end)
+        along += _mixed(context, turn)
+        lead, most, raised = context.overshoot, context.overshoot_bound, context.overshoot_angle
         if lead is not None and most is not None and raised is not None:
             # The rows and the rates of the angle at the start and at the end of the turn.
             turned_axis = (
@@ -223,7 +218,7 @@ class AxisCone:
                 ca.norm_2(lead[3:]), ca.fmax(*rates), reach, ca.norm_2(most[3:]), raised, sines
             )
             start, along = start + here, along + there
-        lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
+        lost = context.margin_reduction.get(self.names[0], (0, 0))[1]
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
     def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -242,7 +237,7 @@ class AxisCone:
         return np.radians(self.half_angle_deg) - ca.acos(ca.fmax(-1.0, ca.fmin(1.0, cosine)))
 
 
-def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _uncertain(context: LimitContext, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the largest error of the angle by an uncertain turn of L rad under way.
 
     The first value is at the start of a further turn, the second along a further turn of `end` rad.
@@ -251,26 +246,26 @@ def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca
     L. So the angle differs from its first-order change by at most L^2 / (2 sin). A further turn by
     W then changes the angle by at most W L / sin more or less.
     """
-    if situation.turn is None:
+    if context.turn is None:
         return ca.SX(0), ca.SX(0)
-    turn = situation.turn
+    turn = context.turn
     # sin(angle - L) >= sin(angle) - L: the smallest sine during the turn.
     near, nearer = (ca.fmax(sine - part, 1e-6) for part in (turn, turn + end))
     return ca.fmin(turn, turn**2 / (2 * near)), ca.fmin(turn, end * turn / nearer)
 
 
-def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca.SX:
+def _mixed(context: LimitContext, turn: ca.SX, change: ca.SX | float = 0.0) -> ca.SX:
     """Return the largest error of a turn (3,) that happens during the motion under way [rad].
 
     Turns do not commute. Turns at the same time differ from the same turns one after the other by
     the area between their paths, and by third-order terms, which are not counted.
     """
-    if situation.stray is None:
+    if context.direction_error is None:
         return ca.SX(0)
-    ahead = situation.ahead[3:]
+    ahead = context.pending_displacement[3:]
     return (
         ca.norm_2(ca.cross(ahead, turn))
-        + situation.stray * (ca.norm_2(turn) + change)
+        + context.direction_error * (ca.norm_2(turn) + change)
         + ca.norm_2(ahead) * change
     )
 
@@ -297,8 +292,3 @@ def _risen(
 def _beyond(turn: ca.SX, sine: ca.SX) -> ca.SX:
     """Return the largest change of an angle beyond its slope by a turn of `turn` [rad]."""
     return ca.fmin(turn, turn**2 / (2 * ca.fmax(sine - turn, 1e-6)))
-
-
-def _three(what: str, value: Any) -> tuple[float, float, float]:
-    numbers = read_array(what, value, (3,), "three finite numbers")
-    return float(numbers[0]), float(numbers[1]), float(numbers[2])

@@ -1,15 +1,288 @@
-"""A function as native machine code: generated, compiled once, kept in the user's cache."""
+"""CasADi functions as machine code: generated, compiled once with DAQP, kept in the cache."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
+from typing import Final
 
 import casadi as ca
 
-from ergoqp.native.compiler import CompilerError, compiler, shared_library
-from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, sizes_source
+from ergoqp.errors import ErgoqpError, last_line
+from ergoqp.registry import cache_folder
+from ergoqp.solvers.daqp import Daqp
+from ergoqp.solvers.solver import Shapes, shapes_of
+
+FLAGS: Final = (
+    "-O3",
+    "-fPIC",
+    "-shared",
+    "-w",
+    # Arithmetic without errno and signals, and inlining of small functions that could be replaced
+    # at load time: this saves a third of the time. No contraction to fused operations, so that the
+    # arithmetic is that of the interpreted step.
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-semantic-interposition",
+    "-ffp-contract=off",
+)
+
+
+class CompilerError(ErgoqpError):
+    """There is no C compiler, or the compilation failed.
+
+    Example:
+        >>> from ergoqp.errors import ErgoqpError
+        >>> from ergoqp.native.compiled import CompilerError
+        >>> issubclass(CompilerError, ErgoqpError)
+        True
+    """
+
+
+@lru_cache(maxsize=1)
+def compiler() -> tuple[str, ...]:
+    """Return the command of the C compiler.
+
+    It is the environment variable CC, or the first of cc, gcc and clang.
+
+    Raises:
+        CompilerError: if there is no C compiler.
+    """
+    chosen = os.environ.get("CC")
+    for command in [chosen] if chosen else ["cc", "gcc", "clang"]:
+        try:
+            words = shlex.split(command)
+        except ValueError:  # an unclosed quotation
+            words = []
+        if words and shutil.which(words[0]):
+            return tuple(words)
+    got = f"CC={chosen!r}, which is not a program here" if chosen else "none of cc, gcc, clang"
+    raise CompilerError(f"C compiler: found {got}; install one, for example gcc, or name it in CC")
+
+
+def shared_library(
+    name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]
+) -> Path:
+    """Return the shared library of C sources, compiled once and kept in the user's cache.
+
+    The key in the cache covers everything that goes in.
+
+    Args:
+        name: name of the library, a word.
+        sources: text by file name; files that end in ``.c`` are compiled, the others can be
+            included.
+        archives: static libraries to link.
+        includes: folders of headers.
+
+    Raises:
+        CompilerError: if there is no compiler, or it fails; with its first error.
+    """
+    command = compiler()
+    parts = [*command, _version(command), platform.machine(), *FLAGS]
+    parts += [text for pair in sorted(sources.items()) for text in pair]
+    key = hashlib.sha256("\0".join(parts).encode())
+    for archive in archives:
+        key.update(archive.read_bytes())
+    cache = cache_folder() / "compiled"
+    folder = cache / key.hexdigest()[:32]
+    try:
+        if (kept := _whole(folder, name)) is not None:
+            return kept
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cache) as scratch:
+            for file, text in sources.items():
+                (Path(scratch) / file).write_text(text, encoding="utf-8")
+            units = [file for file in sources if file.endswith(".c")]
+            folders = [f"-I{each}" for each in (scratch, *includes)]
+            _run(
+                [*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"],
+                scratch,
+            )
+            made = Path(scratch) / "out.so"
+            if not made.is_file() or not made.stat().st_size:
+                raise CompilerError(
+                    f"C compiler: {shlex.join(command)!r} wrote no library; name a C compiler in CC"
+                )
+            path = folder / f"{name}-{_digest(made)}.so"
+            folder.mkdir(exist_ok=True)
+            # Renaming is atomic: another process finds the whole library or none.
+            made.replace(path)
+    except OSError as error:
+        raise CompilerError(
+            f"compiled step: the cache {str(cache)!r} cannot be written: {error.strerror or error};"
+            " give a folder with room, below XDG_CACHE_HOME or ~/.cache"
+        ) from None
+    return path
+
+
+def _whole(folder: Path, name: str) -> Path | None:
+    """Return the library in a folder if its content is unchanged since it was written.
+
+    Loading a truncated library would end the process.
+    """
+    for path in sorted(folder.glob(f"{name}-*.so")):
+        if path.stem == f"{name}-{_digest(path)}":
+            return path
+        path.unlink()
+    return None
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+
+
+@lru_cache(maxsize=4)
+def _version(command: tuple[str, ...]) -> str:
+    shown = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+    return shown.stdout.splitlines()[0] if shown.stdout else "unknown"
+
+
+def _run(command: list[str], folder: str) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = [
+            line for line in done.stderr.splitlines() if "error" in line.lower()
+        ] or done.stderr.splitlines()
+        raise CompilerError(
+            f"C compiler {command[0]!r} failed: {lines[0].strip() if lines else 'without a word'}"
+        )
+
+
+_HERE = Path(__file__).resolve().parent / "c"
+
+
+class NativeDaqp(Daqp):
+    """DAQP for C code: the algorithm of `ergoqp.solvers.daqp`, in memory that the step provides.
+
+    Its settings are the same; they are in ``c/qp_daqp.h``.
+
+    Attributes:
+        sizes: the sizes (unknowns, rows) that were asked for.
+    """
+
+    def __init__(self) -> None:
+        """Start without a size."""
+        self.sizes: list[tuple[int, int]] = []
+
+    def function(self, n: int, m: int) -> ca.Function:
+        """Return the solver for `n` unknowns and `m` rows; see `ergoqp.solvers.solver`.
+
+        Raises:
+            CompilerError: if there is no C compiler or no DAQP library.
+        """
+        if (n, m) not in self.sizes:
+            self.sizes.append((n, m))
+        name = qp_name(n, m)
+        sources = {
+            f"{name}.c": sizes_source([(n, m)], described=True),
+            "qp_daqp.h": c_text("qp_daqp.h"),
+        }
+        return _loaded(name, sources)
+
+
+def qp_name(n: int, m: int) -> str:
+    """Return the C name of the solver of a size."""
+    return f"ergoqp_qp_{n}_{m}"
+
+
+def c_text(name: str) -> str:
+    """Return one of the C files that come with the package."""
+    return (_HERE / name).read_text(encoding="utf-8")
+
+
+def daqp_archive() -> Path:
+    """Return DAQP's static library.
+
+    Raises:
+        CompilerError: if this installation of CasADi does not have it.
+    """
+    path = _casadi() / "libdaqpstat.a"
+    if not path.is_file():
+        raise CompilerError(
+            "DAQP as C: got a CasADi without libdaqpstat.a, allowed one with it, as the wheels for"
+            " Linux"
+        )
+    return path
+
+
+def daqp_include() -> Path:
+    """Return the folder of DAQP's headers."""
+    return _casadi() / "include"
+
+
+def licence_of(package: str) -> str:
+    """Return the text of an installed package's licence, or nothing if there is none."""
+    try:
+        found = [file for file in files(package) or [] if file.name == "LICENSE"]
+    except PackageNotFoundError:
+        return ""
+    return found[0].read_text(encoding="utf-8") if found else ""
+
+
+def sizes_source(sizes: list[tuple[int, int]], described: bool = False) -> str:
+    """Return C functions that solve QPs of these sizes, in CasADi's calling convention.
+
+    Args:
+        sizes: (unknowns, rows) of each.
+        described: whether to add what CasADi needs of a function that it loads: numbers and shapes
+            of arguments, size of the memory.
+    """
+    parts = ['#include "qp_daqp.h"\n']
+    for n, m in sizes:
+        parts.append(_solver_source(n, m))
+        if described:
+            parts.append(_description_source(n, m))
+    return "\n".join(parts)
+
+
+def _solver_source(n: int, m: int) -> str:
+    return f"""int {qp_name(n, m)}(const double** arg, double** res, casadi_int* iw, double* w,
+    int mem) {{
+    int marks[ERGOQP_QP_MARKS({n}, {m})];
+    (void)iw;
+    (void)mem;
+    return ergoqp_qp_daqp({n}, {m}, arg, res, w, marks);
+}}
+"""
+
+
+def _description_source(n: int, m: int) -> str:
+    name = qp_name(n, m)
+    into, out = shapes_of(n, m)
+    return f"""casadi_int {name}_n_in(void) {{ return {len(into)}; }}
+casadi_int {name}_n_out(void) {{ return {len(out)}; }}
+{_shapes_source(f"{name}_sparsity_in", into)}
+{_shapes_source(f"{name}_sparsity_out", out)}
+int {name}_work(casadi_int* arg, casadi_int* res, casadi_int* iw, casadi_int* w) {{
+    *arg = {len(into)};
+    *res = {len(out)};
+    *iw = 0;
+    *w = ERGOQP_QP_DOUBLES({n}, {m});
+    return 0;
+}}
+"""
+
+
+def _shapes_source(name: str, shapes: Shapes) -> str:
+    # A dense matrix in CasADi's notation: rows, columns, 1.
+    table = ", ".join(f"{{{rows}, {columns}, 1}}" for rows, columns in shapes)
+    return f"""const casadi_int* {name}(casadi_int i) {{
+    static const casadi_int shapes[][3] = {{{table}}};
+    return i >= 0 && i < {len(shapes)} ? shapes[i] : 0;
+}}"""
+
+
+def _casadi() -> Path:
+    return Path(ca.__file__).resolve().parent
 
 
 def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
@@ -37,17 +310,17 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
         "inline.h": c_text("inline.h"),
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
+    return _loaded(name, sources)
+
+
+def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
     library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
     try:
         return ca.external(name, str(library))
     except RuntimeError as error:
         raise CompilerError(
-            f"compiled {name}: the library {str(library)!r} cannot be loaded: {_last_line(error)}"
+            f"compiled {name}: the library {str(library)!r} cannot be loaded: {last_line(error)}"
         ) from None
-
-
-def _last_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[-1]
 
 
 def generated(function: ca.Function, name: str) -> dict[str, str]:
@@ -63,7 +336,7 @@ def generated(function: ca.Function, name: str) -> dict[str, str]:
         # The generator does not report that it cannot write.
         if not all(text.endswith("#endif\n") for text in texts.values()):
             raise CompilerError(
-                f"C code: got a file that is cut off in {str(Path(folder).parent)!r}, allowed a"
-                " folder with room"
+                f"C code: a file in {str(Path(folder).parent)!r} is cut off; give a folder with"
+                " room"
             )
         return texts

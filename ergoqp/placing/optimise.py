@@ -1,32 +1,216 @@
-"""The best place of the object for one person: many starts, and the best end by exact score."""
+"""The best place of the object for one person: many starts, and the best end by exact score.
+
+One start: a random place, then the program with a cost that narrows from stage to stage. At the end
+the person and the sheet judge the result.
+"""
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from functools import lru_cache
+from typing import Final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, check_whole, path_of, sentences
+from ergoqp.arguments import (
+    Progress,
+    check_called,
+    check_kind,
+    check_number,
+    check_whole,
+    sentences,
+)
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
+from ergoqp.expressions import read_pose
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.placing.ledger import Ledger, key_of
-from ergoqp.placing.nlp_solvers import check_names
-from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.limits import JointLimit, OneClassBoundary
+from ergoqp.placing.optimum import Optimum, StartResult
+from ergoqp.placing.parallel import call_packed, in_order, packed
 from ergoqp.placing.place import Place
-from ergoqp.placing.program import smooth_cost
-from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, PlaceTask, begin_from
-from ergoqp.placing.workers import trials_of
+from ergoqp.placing.program import Program, check_names, smooth_cost
 from ergoqp.problem.problem import Problem
-from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
-from ergoqp.simulation.inputs import read_posture
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, Start
+from ergoqp.rest.person_protocol import read_posture
+
+FINAL_TAU_DEG: Final = 0.5
+"""Scale of the smooth score in the last stage [deg]."""
+
+WIDE: Final = ((12.0, 1e-2), (1.5, 1e-3))
+"""(tau [deg], relaxation [rad]) of the stages before the last one, for every other start.
+
+These starts can descend from far away.
+"""
+NARROW: Final = ((3.0, 1e-2),)
+"""The same for the other starts, which find what is near."""
+
+RELAXATION: Final = 1e-4
+"""Relaxation of complementarity in the last stage [rad]."""
+
+RESIDUAL: Final = 1e-6
+"""Largest violation of the optimality conditions of an end that counts as optimal."""
+
+SAME: Final = 1e-3
+"""Postures that differ by less than this count as equal [rad]."""
+
+DRAWS: Final = 20
+"""Number of places that a start may try until the person reaches one."""
+
+REPEATS: Final = 5
+"""Largest number of solutions of the last stage, each from where the person has come to rest."""
+
+_SETTLING = 400
+_SLACK = 1e-3  # allowed distance outside a learned boundary, beyond its tolerance
+
+
+class StartSolver:
+    """Solves the starts of one search. The program is built once.
+
+    Args:
+        problem: the task.
+        person: who holds the object.
+        begin: the posture, the pose of the object, the grasp, and where the soles stand.
+        mode: one of `ergoqp.placing.program.MODES`.
+        solver: one of `ergoqp.placing.program.SOLVERS`.
+        seed: seed of the places.
+        tau_deg: scale of the smooth score in the last stage [deg].
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        person: ModelPerson,
+        begin: Start,
+        mode: str,
+        solver: str,
+        seed: int,
+        tau_deg: float,
+    ) -> None:
+        """Build the program.
+
+        Raises:
+            InputError: if the task is not well posed.
+        """
+        self.problem, self.person, self.begin = problem, person, begin
+        self.seed, self.tau_deg, self.cooperative = seed, tau_deg, mode == "cooperative"
+        self.program = Program(problem, person.response, mode, solver)
+        self.anchor = self.program.place.anchor(problem, begin.pose)
+
+    def start(self, number: int) -> StartResult:
+        """Return the result of a start.
+
+        It depends only on the task and the number, not on where and when it is solved.
+        """
+        clock, begin, place = time.perf_counter(), self.begin, self.program.place
+        drawn = self._draw(number)
+        if drawn is None:
+            pose, posture = begin.pose, begin.posture
+            cost, took = self._cost(posture), time.perf_counter() - clock
+            return StartResult(number, pose, posture, 0, cost, np.inf, 0.0, took, "out of reach")
+        unknowns, rest = drawn
+        posture, residual, last = rest, np.inf, (self.tau_deg, RELAXATION)
+        for tau, relaxation in [
+            *(stage for stage in (NARROW if number % 2 else WIDE) if stage[0] > self.tau_deg),
+            *[last] * REPEATS,
+        ]:
+            given = self.program.given(
+                begin.posture, begin.grasp, begin.soles, self.anchor, relaxation, tau
+            )
+            pelvis = self.person.contact(rest)[1]
+            near = self.program.start(unknowns, rest, pelvis, given)
+            values, residual = self.program.solve(near, given)
+            if not np.isfinite(values).all():
+                break
+            unknowns = np.clip(values[: len(unknowns)], place.lower, place.upper)
+            posture = np.array(self.program.posture(values, given)).ravel()
+            settled, _ = self._settle(posture, unknowns)
+            apart = float(np.abs(settled - posture).max())
+            rest = posture if self.cooperative else settled
+            there = apart <= SAME or self.cooperative
+            if (tau, relaxation) == last and residual <= RESIDUAL and there:
+                break
+        return self._verdict(number, unknowns, posture, residual, clock)
+
+    def _cost(self, posture: np.ndarray) -> float:
+        return smooth_cost(self.problem, posture, self.tau_deg)
+
+    def _draw(self, number: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return a place and the rest posture there; None if the person reaches none.
+
+        It is the given place for number 0, and a random one that the person reaches for the
+        others.
+        """
+        begin, place = self.begin, self.program.place
+        rng = np.random.default_rng([self.seed, 6, number])
+        for attempt in range(DRAWS):
+            if number == attempt == 0:
+                unknowns = place.unknowns(begin.pose, self.anchor)
+            else:
+                unknowns = place.draw(rng, self.anchor)
+            posture, reached = self._settle(begin.posture, unknowns)
+            if reached:
+                return unknowns, posture
+        return None
+
+    def _settle(self, posture: np.ndarray, unknowns: np.ndarray) -> tuple[np.ndarray, bool]:
+        pose = self.program.place.pose(unknowns, self.anchor)
+        begin = self.begin
+        return self.person.settle(posture, pose, begin.grasp, begin.soles, steps=_SETTLING)
+
+    def _verdict(
+        self,
+        number: int,
+        unknowns: np.ndarray,
+        posture: np.ndarray,
+        residual: float,
+        clock: float,
+    ) -> StartResult:
+        pose = self.program.place.pose(unknowns, self.anchor)
+        settled, reached = self._settle(posture, unknowns)
+        apart = float(np.abs(settled - posture).max())
+        if self.cooperative:
+            settled, reached = posture, self._holds(posture, pose)
+        note = "out of reach" if not reached else self._outside(settled, pose)
+        score = 0 if note else int(self.problem.assess(settled).final[0])
+        cost, took = self._cost(settled), time.perf_counter() - clock
+        return StartResult(number, pose, settled, score, cost, residual, apart, took, note)
+
+    def _holds(self, posture: np.ndarray, pose: np.ndarray) -> bool:
+        targets = np.hstack([pose @ grip for grip in self.begin.grasp])
+        _, distance, angle = self.person.move(posture, targets, self.begin.soles, 0.0, 0.0)
+        return distance < REACHED and angle < REACHED_ANGLE
+
+    def _outside(self, posture: np.ndarray, pose: np.ndarray) -> str:
+        """Return which limit of the problem is violated, or an empty text."""
+        problem, angles = self.problem, posture[self.program.moved]
+        if (joints := problem.limit_of(JointLimit)) is not None:
+            low, high = (ends[self.program.moved] for ends in joints.range)
+            if ((angles < low - joints.tolerance) | (angles > high + joints.tolerance)).any():
+                return "outside a joint's range"
+        if pose[:3, 0] @ self.program.place.direction < self.program.place.least_cosine - 1e-6:
+            return "outside the tool axis's cone"
+        boundary = problem.limit_of(OneClassBoundary)
+        if boundary is not None and float(np.ravel(np.array(boundary.measure()(posture)))[0]) < -(
+            boundary.tolerance + _SLACK
+        ):
+            return "outside the learned boundary"
+        return problem.own_limits.broken(pose, posture)
+
+
+def begin_from(person: ModelPerson, posture: np.ndarray, pose: ArrayLike | None) -> Start:
+    """Return how a person holds an object at `pose` (4, 4). None: as the posture holds it.
+
+    Raises:
+        InputError: if `pose` is not a pose.
+    """
+    return person.start_at(posture, None if pose is None else read_pose("pose", pose))
 
 
 def optimise(
@@ -39,19 +223,17 @@ def optimise(
     solver: str = "ipopt",
     *,
     pose: ArrayLike | None = None,
-    person: Alike | Body | None = None,
+    person: ModelPerson | Body | None = None,
     tau_deg: float = FINAL_TAU_DEG,
-    scheduler: str | None = None,
-    out: str | Path | None = None,
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Optimum:
     """Find the place of the object at which the person, at rest there, has the lowest score.
 
     The object leads and the person follows: they come to rest at the place
-    (`ergoqp.placing.rest`). The conditions of the rest make this one nonlinear program. It is
+    (`ergoqp.placing.program`). The conditions of the rest make this one nonlinear program. It is
     solved from many places, with a smooth score that becomes narrower from stage to stage. At
-    the end of every start the person settles (`Alike.settle`), and the exact sheet gives the
+    the end of every start the person settles (`ModelPerson.settle`), and the exact sheet gives the
     score. The start with the lowest exact score wins. Of equal scores the lowest cost wins.
 
     Args:
@@ -69,20 +251,17 @@ def optimise(
             response.
         tau_deg: scale of the smooth score in the last stage [deg]; not used by a cost that is
             not the smooth score.
-        scheduler: address of a Dask scheduler whose workers solve the starts; None: this
-            machine.
-        out: folder for finished starts. A run with the same inputs continues from them.
         assumptions: sentences on earlier assumptions, for the report.
         progress: called with the share of the starts that is done.
 
     Returns:
-        The best place and all starts. The result does not depend on `jobs` or `scheduler`.
+        The best place and all starts. The result does not depend on `jobs`.
 
     Raises:
         InputError: if an argument is not usable, or no start ends at a place that the limits
             allow and the person reaches.
-        MissingExtraError: if a package for several processes or a cluster is not installed.
-        OSError: if `out` cannot be written.
+        MissingExtraError: if a package for several processes is not installed.
+        WorkersError: if one of the processes was ended.
 
     Example:
         >>> import ergoqp
@@ -92,18 +271,13 @@ def optimise(
         ((4, 4), True)
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
-    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
-        check_whole(name, value, least)
+    check_search(starts, seed, jobs, mode, solver)
     check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
-    out = None if out is None else path_of("out", out)
-    check_kind("scheduler", scheduler, (str, type(None)), "the address of a Dask scheduler or None")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
     follower = _follower(problem, person)
     notes: list[str] = []
-    # Report faults of the task itself before any search.
-    check_names(mode, solver)
-    Place.of(problem)
+    Place.of(problem)  # Report faults of the task itself before any search.
     if posture is None:
         given = awkward_start(problem, follower, int(seed))
         notes.append(
@@ -113,9 +287,9 @@ def optimise(
     else:
         given, notes = read_posture(posture)
     begin = begin_from(follower, given, pose)
-    task = PlaceTask(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     Place.of(problem).anchor(problem, begin.pose)
-    trials = _solve(task, int(starts), int(jobs), scheduler, out, progress)
+    terms = (problem, follower, begin, mode, solver, int(seed), float(tau_deg))
+    trials = _solve(terms, int(starts), int(jobs), progress)
     best = _best(problem, trials)
     return Optimum(
         problem=problem.name,
@@ -139,54 +313,50 @@ def optimise(
     )
 
 
-def _follower(problem: Problem, person: Alike | Body | None) -> Alike:
+def check_search(starts: int, seed: int, jobs: int, mode: str, solver: str) -> None:
+    """Check the options of a search, before anything is computed.
+
+    Raises:
+        InputError: if one cannot be used; the message names it.
+    """
+    check_names(mode, solver)
+    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
+        check_whole(name, value, least)
+
+
+def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerson:
     response = problem.response
     if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
         kind = type(response).__name__
         raise InputError(
             f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's"
         )
-    if isinstance(person, Alike):
+    if isinstance(person, ModelPerson):
         return person
     check_kind("person", person, (Body, type(None)), "a person alike, a Body or None")
-    return Alike(response if person is None else replace(response, body=person))
+    return ModelPerson(response if person is None else replace(response, body=person))
 
 
-def _solve(
-    task: PlaceTask,
-    starts: int,
-    jobs: int,
-    scheduler: str | None,
-    out: str | Path | None,
-    progress: Progress | None,
-) -> list[Trial]:
-    """Return the trials of all starts, in order. Starts that an earlier run finished are reused."""
-    key = key_of(task)
-    ledger = None
-    if out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        ledger = Ledger(Path(out), key)
-    trials = {
-        number: trial
-        for number, trial in (ledger.trials if ledger else {}).items()
-        if number < starts and _stands(task.problem, trial)
-    }
-    missing = [number for number in range(starts) if number not in trials]
-    for trial in trials_of(key, task, missing, jobs, scheduler):
-        trials[trial.number] = trial
-        if ledger is not None:
-            ledger.add(trial)
-        if progress is not None:
-            progress(len(trials) / starts)
-    return [trials[number] for number in range(starts)]
+def _solve(terms: tuple, starts: int, jobs: int, progress: Progress | None) -> list[StartResult]:
+    """Return the trials of all starts, in order; `terms` are those of a `StartSolver`."""
+    if jobs == 1:
+        calls = [(number,) for number in range(starts)]
+        return in_order(StartSolver(*terms).start, calls, progress=progress)
+    [sent] = packed("jobs", [terms])
+    return in_order(_solve_start, [(sent, number) for number in range(starts)], jobs, progress)
 
 
-def _stands(problem: Problem, trial: Trial) -> bool:
-    """Return whether the limits still allow the end of a start of an earlier run."""
-    return not trial.reba or not problem.own_limits.broken(trial.pose, trial.posture)
+def _solve_start(sent: bytes, number: int) -> StartResult:
+    return _solver_of(sent).start(number)
 
 
-def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
+@lru_cache(maxsize=4)
+def _solver_of(sent: bytes) -> StartSolver:
+    """Return the solver in another process, which builds the program only once."""
+    return call_packed(StartSolver, sent)
+
+
+def _best(problem: Problem, trials: Sequence[StartResult]) -> StartResult:
     counting = [trial for trial in trials if trial.reba > 0]
     if not counting:
         notes = Counter(trial.note for trial in trials).most_common()
@@ -199,24 +369,22 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
     # number of the start, which does not depend on the order in which starts finish.
     return min(
         counting,
-        key=lambda trial: (
-            trial.reba,
-            trial.kkt_residual > RESIDUAL,
-            round(trial.cost, 6),
-            trial.number,
+        key=lambda each: (
+            each.reba,
+            each.kkt_residual > RESIDUAL,
+            round(each.cost, 6),
+            each.number,
         ),
     )
 
 
 def _assumptions(response: IkResponse, mode: str) -> list[str]:
-    chooses = (
-        "The person comes to rest by their own comfort at every place of the object."
-        if mode == "stackelberg"
-        else (
+    chooses = "The person comes to rest by their own comfort at every place of the object."
+    if mode == "cooperative":
+        chooses = (
             "The posture is chosen together with the place: an optimistic bound, because people do"
             " not choose their posture by its score."
         )
-    )
     return [
         (
             f"The person is {response.body.stature:.2f} m tall and holds the object as in the"

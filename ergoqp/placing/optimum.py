@@ -3,19 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.quaternions import pose_as_dict, pose_from_dict
-from ergoqp.files.text import read_json
-from ergoqp.files.whole import write_json
+from ergoqp.expressions import pose_as_dict, pose_from_dict
+from ergoqp.files.atomic import write_json
+from ergoqp.files.read import read_json
+from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.placing.person_values import plain, response_as_dict, response_from_dict
 from ergoqp.responses.ik import IkResponse
+
+_OTHERS = ("body", "weights", "comfort_deg")
+_TERMS = tuple(each.name for each in fields(IkResponse) if each.name not in _OTHERS)
+"""Fields of a response that are written as they are."""
+
+
+def response_as_dict(response: IkResponse) -> dict[str, Any]:
+    """Return a response as numbers, texts and lists. `response_from_dict` makes an equal one."""
+    return {
+        **response.body.as_dict(),
+        "weights": dict(zip(JOINTS, response.weight_vector.tolist(), strict=True)),
+        "comfort_deg": {name: float(degrees) for name, degrees in response.comfort_deg.items()},
+        **{name: plain(getattr(response, name)) for name in _TERMS},
+    }
+
+
+def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
+    """Return the response from the result of `response_as_dict`.
+
+    Raises:
+        KeyError, TypeError, InputError: if it does not describe a response.
+    """
+    body = Body(values["stature_m"], values["lengths_m"], values["mass_kg"])
+    terms = {name: values[name] for name in (*_TERMS, "weights", "comfort_deg")}
+    return IkResponse(body=body, **terms)
+
+
+def plain(value: Any) -> Any:
+    """Return arrays and tuples as lists, NumPy numbers as Python numbers, all else unchanged."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return list(value)
+    return value.item() if isinstance(value, np.generic) else value
+
 
 FILE = "optimum.json"
 """Name of the file in a folder of results."""
@@ -26,7 +61,7 @@ _ARRAYS = {"pose": (4, 4), "posture": (len(JOINTS),)}
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class StartResult:
     """Result of one start.
 
     Attributes:
@@ -68,7 +103,7 @@ class Trial:
         return {name: plain(value) for name, value in vars(self).items()}
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Trial:
+    def from_dict(cls, values: Mapping[str, Any]) -> StartResult:
         """Return the trial from the result of `as_dict`.
 
         Raises:
@@ -139,8 +174,8 @@ class Optimum:
     tau_deg: float | None
     pose_before: np.ndarray
     posture_before: np.ndarray
-    trials: tuple[Trial, ...] = ()
-    assumptions: tuple[str, ...] = field(default=())
+    trials: tuple[StartResult, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return the result in one line."""
@@ -199,19 +234,16 @@ class Optimum:
             values = {name: values[name] for name in cls.__dataclass_fields__}
             values["response"] = response_from_dict(values["response"])
             for entry in (values, *values["trials"]):
-                entry |= {
-                    name: pose_from_dict(entry[name])
-                    for name in ("pose", "pose_before")
-                    if name in entry
-                }
-            values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
+                for name in entry.keys() & {"pose", "pose_before"}:
+                    entry[name] = pose_from_dict(entry[name])
+            values["trials"] = tuple(StartResult.from_dict(trial) for trial in values["trials"])
             values["assumptions"] = tuple(values["assumptions"])
             return cls(**_with_arrays(values))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             if isinstance(error, InputError) and str(error).startswith("optimum: "):
                 raise
             raise InputError(
-                f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote"
+                f"optimum: {str(path)!r} is no optimum; give a file that `Optimum.save` wrote"
             ) from None
 
 

@@ -1,16 +1,69 @@
-"""Where the object may be: the unknowns of the place, from its limits and the axes of its twist."""
+"""Where the object may be: the unknowns of the place, and flat maps of scores through one."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.placing.parallel import in_order
+from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import frame_of, turn_about
+from ergoqp.rest.best_place import outward, settle_in_order
+from ergoqp.rest.model_person import ModelPerson, Start
+
+
+@dataclass(frozen=True)
+class PoseParametrization:
+    """Poses of the object as five numbers: x, y, z [m], then two turns [rad].
+
+    The turns are about the y and z axes of the cone's middle frame.
+
+    Attributes:
+        lower: least value of each (5,).
+        upper: greatest value of each (5,); if it equals the least, the number is fixed.
+        frame: middle of the cone (3, 3).
+        half_angle: half angle of the cone [rad].
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    frame: np.ndarray
+    half_angle: float
+
+    @classmethod
+    def of(cls, problem: Problem) -> PoseParametrization:
+        """Return the placing for the workspace, tool axis and movable axes of a problem."""
+        box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        half, axes = float(np.radians(cone.half_angle_deg)), set(problem.twist_limit.axes)
+        turns = half * np.array([bool(axes & {"rx", "ry"}), bool(axes & {"rx", "rz"})])
+        lower, upper = np.array([*box.lower, *-turns]), np.array([*box.upper, *turns])
+        return cls(lower, upper, frame_of(np.asarray(cone.direction)), half)
+
+    def pose(self, point: np.ndarray) -> np.ndarray:
+        """Return the pose (4, 4) of a point (5,)."""
+        pose = np.eye(4)
+        pose[:3, 3] = point[:3]
+        pose[:3, :3] = self.frame @ turn_about(1, point[3]) @ turn_about(2, point[4])
+        return pose
+
+    def point(self, pose: np.ndarray) -> np.ndarray:
+        """Return the point (5,) of a pose (4, 4). The rotation about its own x is ignored."""
+        x, y, z = self.frame.T @ pose[:3, 0]
+        return np.array([*pose[:3, 3], np.arctan2(-z, x), np.arcsin(np.clip(y, -1, 1))])
+
+    def holds(self, point: np.ndarray) -> bool:
+        """Return whether a point is in the workspace and its tool axis in the cone."""
+        inside = (point >= self.lower - 1e-9).all() and (point <= self.upper + 1e-9).all()
+        return bool(
+            inside and np.cos(point[3]) * np.cos(point[4]) >= np.cos(self.half_angle) - 1e-9
+        )
+
 
 _STEEPEST = np.radians(85.0)
 """Largest tilt about z of the frame [rad]. At a quarter turn the two tilts would coincide."""
@@ -160,3 +213,103 @@ def _turned(axis: int, angle: ca.SX) -> ca.SX:
     rotation[j, i] = ca.sin(angle)
     rotation[i, j] = -rotation[j, i]
     return rotation
+
+
+SPACING: Final = 0.05
+"""Distance of neighbouring places of a slice [m]."""
+TILTS: Final = 11
+"""Number of tilts of a slice with tilts."""
+
+_PAIRS: Final = ((0, 2), (1, 2), (0, 1), (3, 2), (4, 2), (3, 0), (4, 0), (3, 1), (4, 1), (3, 4))
+_MOST: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """Scores over two coordinates of the object's place. The others are as at the place itself.
+
+    Attributes:
+        across: number of the horizontal coordinate of `ergoqp.placing.place.PoseParametrization`:
+            x, y, z [m], two turns [rad].
+        up: number of the vertical coordinate.
+        horizontal: values of the horizontal coordinate (h,).
+        vertical: values of the vertical coordinate (v,).
+        scores: exact scores (people, v, h), 0 if the person does not reach, -1 if the object
+            may not be there.
+        point: the place itself (5,).
+    """
+
+    across: int
+    up: int
+    horizontal: np.ndarray
+    vertical: np.ndarray
+    scores: np.ndarray
+    point: np.ndarray
+
+
+def slices_through(
+    problem: Problem,
+    people: Sequence[ModelPerson],
+    pose: np.ndarray,
+    *,
+    starts: Sequence[Start] | None = None,
+    spacing: float = SPACING,
+    jobs: int = 1,
+) -> list[Slice]:
+    """Return at most two slices through a place.
+
+    They show distance and side over height, or tilt over height if nothing else moves.
+
+    Args:
+        problem: its workspace and tool axis define where the object can be.
+        people: people who are put to rest at every place.
+        pose: the place (4, 4), in the workspace.
+        starts: how each person holds the object, and from which posture they settle; None: as
+            in comfort.
+        spacing: distance of neighbouring places [m].
+        jobs: number of processes.
+    """
+    placing = PoseParametrization.of(problem)
+    exact = placing.point(pose)
+    # An optimum is often at an end of the workspace, up to the tolerance of its solver.
+    point = np.clip(exact, placing.lower, placing.upper)
+    # The rotation of the object about its tool axis stays the same.
+    roll = placing.pose(exact)[:3, :3].T @ pose[:3, :3]
+    free = placing.upper - placing.lower > 1e-9
+    pairs = [pair for pair in _PAIRS if free[list(pair)].all()]
+    flat = [pair for pair in pairs if max(pair) < 3] or pairs
+    slices = []
+    for across, up in flat[:_MOST]:
+        horizontal, vertical = (_values(placing, number, spacing) for number in (across, up))
+        points = np.tile(point, (len(vertical), len(horizontal), 1))
+        points[..., across], points[..., up] = horizontal, vertical[:, None]
+        allowed = np.array([placing.holds(each) for each in points.reshape(-1, 5)])
+        if not allowed.any():
+            continue
+        poses = np.array([placing.pose(each) for each in points.reshape(-1, 5)[allowed]])
+        poses[:, :3, :3] = poses[:, :3, :3] @ roll
+        scores = np.full((len(people), len(allowed)), -1)
+        calls = [
+            (problem, person, poses, start)
+            for person, start in zip(people, starts or [None] * len(people), strict=True)
+        ]
+        scores[:, allowed] = np.stack(in_order(_scores, calls, jobs))
+        scores = scores.reshape(-1, len(vertical), len(horizontal))
+        slices.append(Slice(across, up, horizontal, vertical, scores, point))
+    return slices
+
+
+def _values(placing: PoseParametrization, number: int, spacing: float) -> np.ndarray:
+    low, high = placing.lower[number], placing.upper[number]
+    count = max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS
+    return np.linspace(low, high, count)
+
+
+def _scores(
+    problem: Problem, person: ModelPerson, poses: np.ndarray, start: Start | None
+) -> np.ndarray:
+    order = outward(person, poses, None if start is None else start.pose)
+    postures, reached = settle_in_order(person, poses[order], start)
+    scores = np.zeros(len(poses), dtype=int)
+    scores[order] = np.where(reached, problem.assess(postures).final, 0)
+    return scores

@@ -1,35 +1,172 @@
-"""The terms of one task: the person, the cost, the response, the limits and the settings."""
+"""The terms of one task: the person, the cost, the response, the limits and the settings.
+
+A workspace without a place where a person can hold the object is refused. Only what nobody could
+use is: every place is in a region to keep out of, or out of reach of even the tallest.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.arguments import as_tuple
 from ergoqp.coordinates import Coordinates
-from ergoqp.costs.cost import Cost
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.errors import ProblemError
+from ergoqp.human.body import FRACTIONS
 from ergoqp.joints import JOINTS
-from ergoqp.limits import KeepOut, Limit, TwistLimit, WorkspaceBox
-from ergoqp.limits.own_rows import OwnLimits
-from ergoqp.limits.stop import Stop
-from ergoqp.limits.way_out import WayOut
-from ergoqp.problem.control import Control
-from ergoqp.problem.frames import Frames
-from ergoqp.problem.kinds import check_expression, check_kinds
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.room import no_room
-from ergoqp.problem.tried import check_pace, judge_terms
-from ergoqp.responses import LinearResponse, Response
-from ergoqp.sheets.options import check_by_joint
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Limit, TwistLimit, WorkspaceBox
+from ergoqp.limits.custom import OwnLimits
+from ergoqp.limits.keep_out import WayOut
+from ergoqp.limits.twist_and_stopping import Stop
+from ergoqp.problem.settings import Control, DeclaredRobot, Frames
+from ergoqp.problem.validate import check_expression, check_kinds, check_pace, judge_terms
+from ergoqp.responses import IkResponse, LinearResponse, Response
+from ergoqp.sheets.options import TaskOptions, check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
-from ergoqp.sheets.task import TaskOptions
+
+if TYPE_CHECKING:
+    from ergoqp.costs.cost import Cost
+
+PLACES: Final = 40
+"""Number of places that are tried for a start."""
+
+_TALLEST: Final = 2.1
+"""Stature of the tallest person who might stand there [m]."""
+
+_STEP: Final = 0.4
+"""How far the hips may be from above the origin, where the model person stands or sits [m].
+
+People who step after the object were seen to reach 0.1 m less far than this, see
+`ergoqp.lab.people.kinds`.
+"""
+
+_MOST_CELLS: Final = 4096
+"""A workspace that is left in more parts than this counts as one with room."""
+
+_CORNERS: Final = np.array(list(product((0, 1), repeat=3)), dtype=bool)
+
+Depth = Callable[[np.ndarray], np.ndarray]
+"""How deep points (n, 3) are in a region (n,) [m]; negative outside."""
+
+
+def no_start(notes: Sequence[str]) -> str:
+    """Return why none of some places can be a start, from a note on each."""
+    words = ", ".join(f"{count} {note}" for note, count in sorted(Counter(notes).items()))
+    return (
+        f"none of {len(notes)} places of the workspace can be a start ({words}); enlarge the"
+        " workspace or loosen the limits"
+    )
+
+
+def no_room(limits: Sequence[Any], response: Any) -> str:
+    """Return why no place of the workspace can be used, or an empty text if one may be.
+
+    The workspace is halved until a part of it has a free place in its middle, or every part is in
+    one region or out of reach. Both are exact: regions are convex, and reach is judged by the
+    nearest point of a part. Regions of users are not judged.
+
+    Args:
+        limits: limits of a problem.
+        response: its response. Only an `IkResponse` says how far the person reaches.
+    """
+    box = next((limit for limit in limits if isinstance(limit, WorkspaceBox)), None)
+    if box is None:
+        return ""
+    keep_outs = [limit for limit in limits if isinstance(limit, KeepOut)]
+    depths = {limit.name: _depth_of(limit.region) for limit in keep_outs}
+    regions = {name: depth for name, depth in depths.items() if depth is not None}
+    hips, arm = _reach_of(response)
+    lower, upper = _parts(box, [limit.region for limit in keep_outs])
+    while len(lower) <= _MOST_CELLS:
+        middle = (lower + upper) / 2
+        free = _apart(middle, middle, hips) <= arm
+        left = _apart(lower, upper, hips) <= arm
+        for depth in regions.values():
+            corners = np.where(_CORNERS, upper[:, None], lower[:, None])
+            free &= depth(middle) < 0
+            left &= (depth(corners.reshape(-1, 3)).reshape(-1, 8) < 0).any(axis=1)
+        if free.any():
+            return ""
+        if not left.any():
+            break
+        lower, upper = _halved(lower[left], upper[left])
+    else:
+        return ""
+    places = np.random.default_rng(0).uniform(box.lower, box.upper, (PLACES, 3))
+    notes = np.full(PLACES, "out of reach", dtype=object)
+    for name, depth in regions.items():
+        notes[(_apart(places, places, hips) <= arm) & (depth(places) >= 0)] = f"in {name}"
+    return no_start(notes.tolist())
+
+
+def _depth_of(region: Any) -> Depth | None:
+    """Return the depth in a region of the package, None for one of a user."""
+    match region if type(region) in (HalfSpace, Ball, Box) else None:
+        case HalfSpace(normal, offset):
+            return lambda points: offset - points @ np.array(normal)
+        case Ball(centre, radius):
+            return lambda points: radius - np.linalg.norm(points - centre, axis=1)
+        case Box(lower, upper):
+            return lambda points: np.minimum(points - lower, upper - points).min(axis=1)
+    return None
+
+
+def _reach_of(response: Any) -> tuple[float, float]:
+    """Return the height of the column in which the hips are, and the reach from there [m].
+
+    Trunk and arm are taken stretched in any direction, which no person can do. They are those of
+    the tallest person, or of the model if it is larger still.
+    """
+    if not isinstance(response, IkResponse):
+        return 0.0, np.inf
+    most = {
+        name: max(share * _TALLEST, response.body.lengths[name])
+        for name, share in FRACTIONS.items()
+    }
+    shoulder = float(np.hypot(most["shoulder_height"], most["shoulder_width"] / 2))
+    arm = most["upper_arm"] + most["forearm"] + most["hand"]
+    return most["thigh"] + most["shank"] + most["foot_height"], shoulder + arm + _STEP
+
+
+def _apart(lower: np.ndarray, upper: np.ndarray, hips: float) -> np.ndarray:
+    """Return the distance of boxes (n, 3) from the column of the hips (n,) [m]."""
+    column = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, hips]])
+    return np.linalg.norm(np.maximum(np.maximum(lower - column[1], column[0] - upper), 0), axis=1)
+
+
+def _parts(box: WorkspaceBox, regions: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Return a workspace cut along the faces of box regions, as corners of parts (n, 3)."""
+    boxes = [each for each in regions if type(each) is Box]
+    corners = [corner for each in boxes for corner in (each.lower, each.upper)]
+    ends = [
+        np.unique([low, high, *(cut for cut in cuts if low < cut < high)])
+        for low, high, *cuts in zip(box.lower, box.upper, *corners, strict=True)
+    ]
+    pairs = [(each[:-1], each[1:]) if len(each) > 1 else (each, each) for each in ends]
+    lower, upper = (
+        np.stack(np.meshgrid(*(pair[side] for pair in pairs), indexing="ij"), axis=-1)
+        for side in (0, 1)
+    )
+    return lower.reshape(-1, 3), upper.reshape(-1, 3)
+
+
+def _halved(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the eight parts of each box (n, 3), halved along every axis."""
+    middle = ((lower + upper) / 2)[:, None]
+    below, above = lower[:, None], upper[:, None]
+    return (
+        np.where(_CORNERS, middle, below).reshape(-1, 3),
+        np.where(_CORNERS, above, middle).reshape(-1, 3),
+    )
+
 
 _AVERAGE: Final = 0.05
 
@@ -88,10 +225,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Check that the terms are valid and fit together."""
-        try:
-            object.__setattr__(self, "limits", as_tuple("limits", self.limits))
-        except InputError as error:
-            raise ProblemError(str(error)) from None
+        object.__setattr__(self, "limits", as_tuple("limits", self.limits, ProblemError))
         check_kinds(self)
         check_by_joint(self.method, "problem")
         self._check_state()
@@ -140,7 +274,7 @@ class Problem:
 
     @cached_property
     def own_limits(self) -> OwnLimits:
-        """The limits that are judged by their rows only, see `ergoqp.limits.own_rows`."""
+        """The limits that are judged by their rows only, see `ergoqp.limits.custom`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
 
     @cached_property
@@ -152,7 +286,7 @@ class Problem:
 
     @cached_property
     def own_times(self) -> dict[str, float]:
-        """How long a user's cost and response take [s], see `ergoqp.problem.tried`."""
+        """How long a user's cost and response take [s], see `ergoqp.problem.validate`."""
         return judge_terms(self.cost, self.response)
 
     @cached_property
@@ -254,10 +388,8 @@ class Problem:
         if box is None:
             return
         for axis, rise in enumerate(self._rises.tolist()):
-            width, least = (
-                box.upper[axis] - box.lower[axis],
-                max(_NARROWEST, rise) + 2 * self.robot.pose_noise,
-            )
+            width = box.upper[axis] - box.lower[axis]
+            least = max(_NARROWEST, rise) + 2 * self.robot.pose_noise
             if self.twist_limit.speed[axis] > 0 and width < least:
                 name = "xyz"[axis]
                 raise ProblemError(

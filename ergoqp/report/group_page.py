@@ -6,25 +6,32 @@ It also shows what each member pays.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from ergoqp.placing.group.optimum import GroupOptimum, Member
-from ergoqp.placing.group.people import GroupPerson
-from ergoqp.placing.group.search import Placing
-from ergoqp.placing.slices import Slice, slices_through
+from ergoqp.lab.group import GroupOptimum, Member
+from ergoqp.lab.group_search import GroupPerson
+from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
-from ergoqp.report.body.lineup import Standing, lineup
-from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
-from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
-from ergoqp.report.place_words import (
+from ergoqp.report.body.figure import Drawing, Standing, lineup
+from ergoqp.report.charts.strips import COLOURS, Spot, score_map
+from ergoqp.report.optimum_page import (
     place_words,
-    score_headline,
     slice_words,
     task_options,
     tilt_words,
+)
+from ergoqp.report.page import (
+    Page,
+    PageTable,
+    Picture,
+    Section,
+    closing_sections,
+    score_headline,
+    write_page,
 )
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
@@ -78,13 +85,10 @@ def write_group_page(
             score_headline("mean of the group", found.mean),
             score_headline("mean, each at their own best", found.own_mean),
         ],
-        change="",
         facts=_facts(found, problem),
-        replay="",
-        replay_note="",
         figures=[
             Picture.of(
-                lambda width: _row(found, width),
+                partial(_row, found),
                 "Everybody at the group's place, drawn to one scale. The dashed line is the height"
                 " of the object.",
             )
@@ -94,12 +98,7 @@ def write_group_page(
             _adjustable(found),
             *_maps(found, problem, people, jobs),
             Section("Reasons", tables=[_reasons(found)]),
-            Section("Assumptions", sentences=found.assumptions),
-            Section(
-                "Options",
-                tables=[PageTable(("what", "value"), _options(found, problem))],
-                folded=True,
-            ),
+            *closing_sections(found.assumptions, _options(found, problem)),
         ],
     )
     write_page(page, path)
@@ -120,9 +119,9 @@ def _facts(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
     ]
 
 
-def _row(found: GroupOptimum, width: float) -> str:
+def _row(found: GroupOptimum, *, width: float) -> str:
     standing = [
-        Standing(m.body, m.posture, m.base_pose, m.segments, m.label, m.reba, found.pose)
+        Standing(m.label, m.reba, Drawing(m.body, m.posture, m.base_pose, m.segments, found.pose))
         for m in found.members
     ]
     return lineup(standing, "Everybody at the group's place", width=width)
@@ -133,7 +132,7 @@ def _people(found: GroupOptimum) -> Section:
         (
             member.label,
             str(member.reba),
-            palette.risk_of_level(int(palette.level_of_score(member.reba))),
+            palette.risk_of_score(member.reba),
             str(member.own_reba),
             f"+{member.pays}" if member.pays else "0",
             f"{100 * member.reach:.0f}",
@@ -167,7 +166,7 @@ def _maps(
     found: GroupOptimum, problem: Problem, people: tuple[GroupPerson, ...], jobs: int
 ) -> list[Section]:
     slices = slices_through(problem, [person.follower for person in people], found.pose, jobs=jobs)
-    place = [Spot(Placing.of(problem).point(found.pose))]
+    place = [Spot(PoseParametrization.of(problem).point(found.pose))]
     sections = []
     for title, take, intro in (
         ("Map of the highest score", np.max, _HIGHEST),
@@ -217,21 +216,12 @@ def _reasons(found: GroupOptimum) -> PageTable:
 
     The first sentences of the reasons are those of the segments.
     """
-    rows = [
-        (
-            member.label,
-            "; ".join(
-                why
-                for name, why in zip(palette.SEGMENTS, member.reasons, strict=False)
-                if member.segments[name] > 1
-            ),
-        )
-        for member in found.members
-    ]
-    return PageTable(
-        ("person", "segments with more than one point"),
-        [(label, words or "none") for label, words in rows],
-    )
+    rows = []
+    for member in found.members:
+        whys = zip(palette.SEGMENTS, member.reasons, strict=False)
+        costly = [why for name, why in whys if member.segments[name] > 1]
+        rows.append((member.label, "; ".join(costly) or "none"))
+    return PageTable(("person", "segments with more than one point"), rows)
 
 
 def _options(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The page of an offline optimum: before and after, and maps of the score around the best place.
+"""The page of an offline optimum: before and after, and maps of the score around the place.
 
 It also shows all starts and the bound.
 """
@@ -7,30 +7,85 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 
-from ergoqp.placing.group.search import Placing
+from ergoqp.placing.optimise import begin_from
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.slices import slices_through
-from ergoqp.placing.start import begin_from
+from ergoqp.placing.place import PoseParametrization, Slice, slices_through
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
-from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
-from ergoqp.report.charts.strips import segments_chart
-from ergoqp.report.numbers import plain
-from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
-from ergoqp.report.place_words import (
-    change_of,
-    place_words,
+from ergoqp.report.charts.strips import AXES, COLOURS, Spot, score_map
+from ergoqp.report.page import (
+    Page,
+    PageTable,
+    Picture,
+    Section,
+    closing_sections,
+    plain,
     score_headline,
-    slice_words,
-    task_options,
+    segments_section,
+    write_page,
 )
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.rest.model_person import ModelPerson
+from ergoqp.simulation.description import options_of
+
+
+def change_of(before: int, after: int) -> str:
+    """Return the difference of two scores in words."""
+    points = abs(after - before)
+    if not points:
+        return "The score does not change."
+    return f"{points} point{'s' if points > 1 else ''} {'better' if after < before else 'worse'}."
+
+
+def place_words(pose: np.ndarray) -> str:
+    """Return the position of a pose [m] in words, with non-breaking spaces."""
+    return (
+        ", ".join(
+            f"{axis}\u00a0{_signed(value)}" for axis, value in zip("xyz", pose[:3, 3], strict=True)
+        )
+        + "\u00a0m"
+    )
+
+
+def tilt_words(problem: Problem, pose: np.ndarray) -> str:
+    """Return the tilt of a pose from the middle of the tool's cone [deg] in words."""
+    turns = PoseParametrization.of(problem).point(pose)[3:]
+    up, left = (AXES[3 + i][1] * turns[i] for i in (0, 1))
+    return (
+        f"{abs(up):.0f} deg {'up' if up >= 0 else 'down'}, {abs(left):.0f} deg to the"
+        f" {'left' if left >= 0 else 'right'}"
+    )
+
+
+def slice_words(slice_: Slice) -> str:
+    """Return the two axes of a map and the fixed coordinates in words."""
+    fixed = {
+        i: value for i, value in enumerate(slice_.point) if i not in (slice_.across, slice_.up)
+    }
+    words = [f"{'xyz'[i]} = {_signed(value)} m" for i, value in fixed.items() if i < 3]
+    names = [AXES[i][0].split(",")[0] for i in (slice_.up, slice_.across)]
+    return (
+        f"{names[0]} by {names[1]}, at {', '.join(words)}" if words else f"{names[0]} by {names[1]}"
+    )
+
+
+def _signed(value: float) -> str:
+    return f"{float(value):z.2f}".replace("-", "−")
+
+
+def task_options(problem: Problem) -> list[tuple[str, str]]:
+    """Return the terms of a problem in words, without those of the control loop."""
+    loop = ("control: ", "QP solver", "twist limit", "joint limit")
+    terms = [(what, value) for what, value in options_of(problem, "") if not what.startswith(loop)]
+    return [
+        ("person of the problem" if what == "person in the controller" else what, value)
+        for what, value in terms
+    ]
+
 
 MODES = {
     "stackelberg": "the person comes to rest by their own comfort",
@@ -61,8 +116,14 @@ def write_optimum_page(
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    follower, stature = Alike(optimum.response), optimum.response.body.stature
-    before, after = (_segments(problem, q) for q in (optimum.posture_before, optimum.posture))
+    follower, stature = ModelPerson(optimum.response), optimum.response.body.stature
+    ends = (optimum.posture_before, optimum.pose_before), (optimum.posture, optimum.pose)
+    assessed = [problem.assess(posture) for posture, _ in ends]
+    before, after = segments = [palette.segments_at(each, 0) for each in assessed]
+    scores = f"REBA {optimum.reba_before}", f"REBA {optimum.reba_after}"
+    captions = f"before: {scores[0]}", f"at the best place: {scores[1]}"
+    assumptions, options = closing_sections(optimum.assumptions, _options(optimum, problem))
+    both = [optimum] if cooperative is None else [optimum, cooperative]
     page = Page(
         title=f"Best place: {optimum.title}",
         subtitle=(
@@ -75,50 +136,32 @@ def write_optimum_page(
         ],
         change=change_of(optimum.reba_before, optimum.reba_after),
         facts=_facts(optimum),
-        replay="",
-        replay_note="",
         figures=[
-            _figure(
-                follower,
-                optimum.posture_before,
-                before,
-                optimum.pose_before,
-                f"before: REBA {optimum.reba_before}",
-            ),
-            _figure(
-                follower,
-                optimum.posture,
-                after,
-                optimum.pose,
-                f"at the best place: REBA {optimum.reba_after}",
-            ),
+            _figure(follower, *end, own, caption)
+            for end, own, caption in zip(ends, segments, captions, strict=True)
         ],
         sections=[
             _map(optimum, problem, follower, jobs),
-            _why(optimum, problem, before, after),
-            *([] if cooperative is None else [_bound(optimum, cooperative)]),
-            Section("Assumptions", sentences=optimum.assumptions or ["None."]),
-            _starts([optimum, *([] if cooperative is None else [cooperative])]),
-            Section(
-                "Options",
-                tables=[PageTable(("what", "value"), _options(optimum, problem))],
-                folded=True,
+            segments_section(
+                (captions[0], f"best place: {scores[1]}"),
+                before,
+                after,
+                (assessed[0].reasons(0), assessed[1].reasons(0)),
             ),
+            *([_bound(both)] if len(both) > 1 else []),
+            assumptions,
+            _starts(both),
+            options,
         ],
     )
     write_page(page, path)
 
 
-def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
-    segments = problem.assess(posture).segments
-    return {name: int(segments[name][0]) for name in palette.SEGMENTS}
-
-
 def _figure(
-    follower: Alike,
+    follower: ModelPerson,
     posture: np.ndarray,
-    segments: dict[str, int],
     pose: np.ndarray,
+    segments: dict[str, int],
     caption: str,
 ) -> Picture:
     base = follower.contact(posture)[1]
@@ -145,11 +188,11 @@ def _facts(optimum: Optimum) -> list[tuple[str, str]]:
     return facts
 
 
-def _map(optimum: Optimum, problem: Problem, follower: Alike, jobs: int) -> Section:
+def _map(optimum: Optimum, problem: Problem, follower: ModelPerson, jobs: int) -> Section:
     held = begin_from(follower, optimum.posture_before, optimum.pose_before)
     start = replace(held, posture=optimum.posture, pose=optimum.pose)
     slices = slices_through(problem, [follower], optimum.pose, starts=[start], jobs=jobs)
-    placing = Placing.of(problem)
+    placing = PoseParametrization.of(problem)
     spots = [
         Spot(placing.point(optimum.pose_before), "before", "spot other"),
         Spot(placing.point(optimum.pose), "best"),
@@ -169,24 +212,7 @@ def _map(optimum: Optimum, problem: Problem, follower: Alike, jobs: int) -> Sect
     return Section("Map", intro, pictures, columns=True, chips=COLOURS)
 
 
-def _why(
-    optimum: Optimum, problem: Problem, before: dict[str, int], after: dict[str, int]
-) -> Section:
-    reasons = [
-        problem.assess(posture).reasons(0) for posture in (optimum.posture_before, optimum.posture)
-    ]
-    changed = [i for i, name in enumerate(palette.SEGMENTS) if before[name] != after[name]]
-    head = (f"before: REBA {optimum.reba_before}", f"best place: REBA {optimum.reba_after}")
-    return Section(
-        "Segments and reasons",
-        pictures=[Picture.of(lambda width: segments_chart(before, after, width=width))],
-        tables=[
-            PageTable(head, list(zip_longest(*reasons, fillvalue="")), marked=changed, even=True)
-        ],
-    )
-
-
-def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
+def _bound(found: Sequence[Optimum]) -> Section:
     rows = [
         (
             MODES[each.mode],
@@ -194,7 +220,7 @@ def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
             f"{each.cost_after:.3f}",
             place_words(each.pose),
         )
-        for each in (optimum, cooperative)
+        for each in found
     ]
     return Section(
         "At rest, and with the posture chosen",
@@ -249,10 +275,7 @@ def _options(optimum: Optimum, problem: Problem) -> list[tuple[str, str]]:
         ("solver", optimum.solver),
         ("starts", str(len(optimum.trials))),
         ("seed", str(optimum.seed)),
-        *(
-            []
-            if optimum.tau_deg is None
-            else [("tau of the last stage", f"{optimum.tau_deg:g} deg")]
-        ),
     ]
+    if optimum.tau_deg is not None:
+        own.append(("tau of the last stage", f"{optimum.tau_deg:g} deg"))
     return [*own, *task_options(problem)]

@@ -1,20 +1,28 @@
-"""One self-contained page: its parts, and how it is rendered.
+"""One self-contained page: its parts, how it is rendered, and numbers for people.
 
 Everything except pictures is escaped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ergoqp._version import __version__
 from ergoqp.errors import MissingExtraError
-from ergoqp.files.whole import write_whole
+from ergoqp.files.atomic import write_text_atomic
 from ergoqp.report import palette
-from ergoqp.report.charts.frame import NARROW, WIDTH
+from ergoqp.report.charts.axes import NARROW, WIDTH
+from ergoqp.report.charts.strips import segments_chart
+from ergoqp.sheets.assessment import Assessment, assess_rows, read_postures
 
 
 @dataclass(frozen=True)
@@ -51,9 +59,9 @@ class Picture:
     narrow: str = ""
 
     @classmethod
-    def of(cls, draw: Callable[[float], str], caption: str = "") -> Picture:
-        """Return a drawing, given as a function of the width [px], at both widths of the page."""
-        return cls(draw(WIDTH), caption, draw(NARROW))
+    def of(cls, draw: Callable[..., str], caption: str = "") -> Picture:
+        """Return a drawing at both widths of the page; `draw` has the keyword `width` [px]."""
+        return cls(draw(width=WIDTH), caption, draw(width=NARROW))
 
 
 @dataclass(frozen=True)
@@ -110,27 +118,72 @@ class Page:
         title: heading, and title of the window.
         subtitle: text below it.
         headlines: the important scores, large.
-        change: difference between before and after, in words; may be empty.
-        stays: segments that still cost points, each with its reason, below `change`.
         facts: names and values of further numbers.
-        replay: the replay as a page of its own; empty without one.
-        replay_note: how the replay differs from real time.
         figures: flat figures of the important postures.
         sections: charts and tables.
+        change: difference between before and after, in words; may be empty.
+        replay: the replay as a page of its own; empty without one.
+        replay_note: how the replay differs from real time.
         notes: further problems, one sentence each.
+        stays: segments that still cost points, each with its reason, below `change`.
     """
 
     title: str
     subtitle: str
     headlines: Sequence[Headline]
-    change: str
     facts: Sequence[tuple[str, str]]
-    replay: str
-    replay_note: str
     figures: Sequence[Picture]
-    sections: Sequence[Section] = field(default_factory=tuple)
-    notes: Sequence[str] = field(default_factory=tuple)
-    stays: Sequence[str] = field(default_factory=tuple)
+    sections: Sequence[Section] = ()
+    change: str = ""
+    replay: str = ""
+    replay_note: str = ""
+    notes: Sequence[str] = ()
+    stays: Sequence[str] = ()
+
+
+def score_headline(label: str, score: float) -> Headline:
+    """Return a score or a mean of scores as a headline, in the colour of its action level."""
+    level = int(palette.level_of_score(round(score)))
+    words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
+    return Headline(label, f"{score:.2f}".rstrip("0").rstrip(".") if score else "–", level, words)
+
+
+def segments_section(
+    head: tuple[str, str],
+    before: Mapping[str, int],
+    after: Mapping[str, int],
+    reasons: tuple[Sequence[str], Sequence[str]],
+) -> Section:
+    """Return the section of the segments before and after, with their reasons.
+
+    Args:
+        head: the two postures, above their reasons.
+        before: segment -> score.
+        after: segment -> score.
+        reasons: sentences on each posture; the first are those of the segments, in their order.
+    """
+    changed = [i for i, name in enumerate(palette.SEGMENTS) if before[name] != after[name]]
+    rows = list(zip_longest(*reasons, fillvalue=""))
+    return Section(
+        "Segments and reasons",
+        pictures=[Picture.of(partial(segments_chart, before, after))],
+        tables=[PageTable(head, rows, marked=changed, even=True)],
+    )
+
+
+def closing_sections(
+    assumptions: Sequence[str], options: Sequence[tuple[str, str]]
+) -> tuple[Section, Section]:
+    """Return the last sections: what was assumed, and the options as (what, value)."""
+    return (
+        Section("Assumptions", sentences=assumptions or ["None."]),
+        Section(
+            "Options",
+            tables=[PageTable(("what", "value"), options)] if options else [],
+            intro="" if options else "None.",
+            folded=True,
+        ),
+    )
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -144,7 +197,7 @@ def write_page(page: Page, path: Path) -> None:
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    write_whole(path, render(page))
+    write_text_atomic(path, render(page))
 
 
 def render(page: Page) -> str:
@@ -170,3 +223,41 @@ def render(page: Page) -> str:
         unscored=palette.UNSCORED,
         points=palette.POINTS,
     )
+
+
+_LEAST: Final = 1e-6
+"""Smaller numbers are written as smaller than this."""
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, such as ``4420``, ``0.0312``, ``< 0.000001``.
+
+    Args:
+        value: any number; a number that is not finite gives a dash.
+        digits: number of significant digits, without zeros at the end.
+    """
+    value = float(value)
+    if not np.isfinite(value):
+        return "–"
+    if 0 < abs(value) < _LEAST:
+        return f"< {np.format_float_positional(_LEAST)}" if value > 0 else "0"
+    text = np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+    return text.replace("-", "−")
+
+
+def microseconds(value: float) -> str:
+    """Return a duration [µs] as text, in µs or ms."""
+    return f"{plain(value)} µs" if value < 1e4 else f"{plain(value / 1e3)} ms"
+
+
+def scored_alike(assessment: Assessment, postures: NDArray[np.float64]) -> Assessment:
+    """Score other postures (n, 32) [rad] with the method of an assessment.
+
+    The task options are those of its first posture.
+    """
+    return assess_rows(read_postures(postures), assessment.method, assessment._task.rows(0))
+
+
+def is_seated(assessment: Assessment) -> bool:
+    """Return whether the first posture was scored as seated."""
+    return bool(assessment._task.rows(0).flag("seated"))

@@ -30,6 +30,9 @@ SEGMENTS: Final[tuple[str, ...]] = tuple(
 )
 """The segments that are scored separately, in the order of every table and chart."""
 
+LEVEL_STARTS: Final = _SHEET.level_starts
+"""Lowest final score of each action level."""
+
 POINTS: Final = ("1 point", "2 points", "3 points", "4 points", "5 or more")
 """Meaning of the five colours on a segment."""
 
@@ -58,9 +61,14 @@ def risk_of_level(level: int) -> str:
     return reba.ACTION_LEVELS[level] if level >= 0 else "not scored"
 
 
+def risk_of_score(score: int) -> str:
+    """Return the sheet's word for the action level of a final score, ``"not scored"`` for 0."""
+    return risk_of_level(int(level_of_score(score)))
+
+
 def level_of_score(final: ArrayLike) -> NDArray[np.int64]:
     """Return the action level 0 to 4 of final scores, -1 for 0 (not scored); same shape."""
-    return np.searchsorted(_SHEET.level_starts, np.asarray(final), side="right") - 1
+    return np.searchsorted(LEVEL_STARTS, np.asarray(final), side="right") - 1
 
 
 def segment_highest(segment: str) -> int:
@@ -68,9 +76,9 @@ def segment_highest(segment: str) -> int:
     return _SHEET.segments[segment.removeprefix("right_").removeprefix("left_")].highest
 
 
-def level_starts() -> tuple[int, ...]:
-    """Return the lowest final score of each action level."""
-    return _SHEET.level_starts
+def segments_at(assessment: reba.Assessment, row: int) -> dict[str, int]:
+    """Return the score of each of `SEGMENTS` in one posture of an assessment."""
+    return {name: int(assessment.segments[name][row]) for name in SEGMENTS}
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from ergoqp.report import palette
-from ergoqp.report.numbers import plain
+from ergoqp.report.page import plain
 from ergoqp.simulation.run import Run
 
 _MOST_REASONS: Final = 25
@@ -20,9 +19,11 @@ STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "in
 """All statuses of a step, best first."""
 
 
-@dataclass(frozen=True)
 class RunFacts:
     """Figures of a run.
+
+    Args:
+        run: the run.
 
     Attributes:
         before: score of the first sample.
@@ -39,17 +40,26 @@ class RunFacts:
         step_us: median, 99th percentile and maximum of the duration of a step [µs].
     """
 
-    before: int
-    after: int
-    stays: tuple[str, ...]
-    standing_still: int
-    best: int
-    best_at: float
-    segments_before: dict[str, int]
-    segments_after: dict[str, int]
-    status_counts: dict[str, int]
-    settled_after: float | None
-    step_us: tuple[float, float, float]
+    def __init__(self, run: Run) -> None:
+        """Compute the figures."""
+        self.before, self.after = int(run.reba[0]), int(run.reba[-1])
+        self.stays = tuple(run.assessment.costly(-1))
+        self.standing_still = run.reba_standing_still
+        best = int(np.argmin(np.where(run.reba > 0, run.reba, np.iinfo(np.int64).max)))
+        self.best, self.best_at = int(run.reba[best]), float(run.time[best] - run.time[0])
+        self.segments_before, self.segments_after = (
+            palette.segments_at(run.assessment, row) for row in (0, -1)
+        )
+        counts = Counter(run.statuses)
+        order = (*STATUSES, *sorted(set(counts) - set(STATUSES)))
+        self.status_counts = {status: counts[status] for status in order if counts[status]}
+        unsettled = [i for i, status in enumerate(run.statuses) if status != "settled"]
+        rest = unsettled[-1] + 1 if unsettled else 0
+        settles = rest < len(run.statuses)
+        self.settled_after = float(run.time[rest] - run.time[0]) if settles else None
+        known = 1e6 * run.step_time[np.isfinite(run.step_time)]
+        us = known if known.size else np.zeros(1)
+        self.step_us = float(np.median(us)), float(np.percentile(us, 99)), float(us.max())
 
     @property
     def change(self) -> str:
@@ -97,41 +107,6 @@ class RunFacts:
         """The duration of the steps, in words."""
         median, p99, highest = self.step_us
         return f"median {plain(median)} µs, p99 {plain(p99)} µs, max {plain(highest)} µs"
-
-
-def facts_of(run: Run) -> RunFacts:
-    """Compute the figures of a run."""
-    scored = np.where(run.reba > 0, run.reba, np.iinfo(np.int64).max)
-    best = int(np.argmin(scored))
-    counts = Counter(run.statuses)
-    others = sorted(set(counts) - set(STATUSES))
-    unsettled = [i for i, status in enumerate(run.statuses) if status != "settled"]
-    rest = unsettled[-1] + 1 if unsettled else 0
-    microseconds = 1e6 * run.step_time[np.isfinite(run.step_time)]
-    if not microseconds.size:
-        microseconds = np.zeros(1)
-    return RunFacts(
-        before=int(run.reba[0]),
-        after=int(run.reba[-1]),
-        stays=tuple(run.assessment.costly(-1)),
-        standing_still=run.reba_standing_still,
-        best=int(run.reba[best]),
-        best_at=float(run.time[best] - run.time[0]),
-        segments_before=segments_at(run, 0),
-        segments_after=segments_at(run, -1),
-        status_counts={status: counts[status] for status in (*STATUSES, *others) if counts[status]},
-        settled_after=float(run.time[rest] - run.time[0]) if rest < len(run.statuses) else None,
-        step_us=(
-            float(np.median(microseconds)),
-            float(np.percentile(microseconds, 99)),
-            float(microseconds.max()),
-        ),
-    )
-
-
-def segments_at(run: Run, row: int) -> dict[str, int]:
-    """Return the scores of the segments in the first (0) or the last (-1) posture of a run."""
-    return {name: int(run.assessment.segments[name][row]) for name in palette.SEGMENTS}
 
 
 def violation_rows(run: Run) -> list[tuple[str, str, str]]:

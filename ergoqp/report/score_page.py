@@ -6,22 +6,33 @@ It also gives the reasons of the worst moment.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.recordings import Recording
+from ergoqp.mocap import Recording
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
-from ergoqp.report.body.replay import Movement, timing_of
+from ergoqp.report.body.person import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart
 from ergoqp.report.charts.strips import segments_strips
-from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
+from ergoqp.report.page import (
+    Headline,
+    Page,
+    PageTable,
+    Picture,
+    Section,
+    closing_sections,
+    is_seated,
+    score_headline,
+    write_page,
+)
 from ergoqp.report.scores import summary_of, worst_in_words
-from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
 
@@ -62,7 +73,6 @@ def write_score_page(
         title=title,
         subtitle="REBA of a recorded movement.",
         headlines=_headlines(summary),
-        change="",
         facts=_facts(summary),
         replay=scene_html(movement, timing),
         replay_note=timing.note,
@@ -71,13 +81,7 @@ def write_score_page(
             _over_time(recording, assessment, summary),
             _worst(recording, assessment, summary),
             _fit(recording, summary),
-            Section("Assumptions", sentences=recording.assumptions or ("None.",)),
-            Section(
-                "Options",
-                tables=[PageTable(("what", "value"), options)] if options else [],
-                intro="" if options else "None.",
-                folded=True,
-            ),
+            *closing_sections(recording.assumptions, options),
         ],
     )
     write_page(page, path)
@@ -88,14 +92,9 @@ def _headlines(summary: dict[str, Any]) -> list[Headline]:
     if worst is None:
         return [Headline("score", "–", -1, "no frame could be scored")]
     alarming = sum(summary["share"][name] for name in reba.ACTION_LEVELS[3:])
-
-    def headline(label: str, value: float, written: str) -> Headline:
-        level = int(palette.level_of_score(round(value)))
-        return Headline(label, written, level, f"{palette.risk_of_level(level)} risk")
-
     return [
-        headline("mean", summary["mean"], f"{summary['mean']:.1f}"),
-        headline(f"worst, at {worst['time_s']:.1f} s", worst["reba"], str(worst["reba"])),
+        replace(score_headline("mean", summary["mean"]), value=f"{summary['mean']:.1f}"),
+        score_headline(f"worst, at {worst['time_s']:.1f} s", worst["reba"]),
         Headline("time at high risk or above", f"{100 * alarming:.0f} %", -1, "REBA 8 and more"),
     ]
 
@@ -145,32 +144,24 @@ def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, 
     )
     shares = {f"{name} risk": summary["share"][name] for name in reba.ACTION_LEVELS}
     missing = [j for j in range(len(JOINTS)) if not recording.observed[:, j].any()]
-    intro = (
-        ""
-        if not missing
-        else (
-            "Not determined by the recording and set to zero:"
-            f" {', '.join(spoken(JOINTS[j]) for j in missing)}."
-        )
-    )
+    intro = ""
+    if missing:
+        joints = ", ".join(spoken(JOINTS[j]) for j in missing)
+        intro = f"Not determined by the recording and set to zero: {joints}."
     return Section(
         "Score",
         intro,
         pictures=[
             Picture.of(
-                lambda width: score_chart(
-                    recording.time, assessment.final, marks=marks, width=width
-                ),
+                partial(score_chart, recording.time, assessment.final, marks=marks),
                 "Score over time, with the risk levels.",
             ),
             Picture.of(
-                lambda width: shares_chart(
-                    "Share of time per risk level", shares, range(len(shares)), width=width
-                ),
+                partial(shares_chart, "Share of time per risk level", shares, range(len(shares))),
                 "Share of the scored time.",
             ),
             Picture.of(
-                lambda width: segments_strips(recording.time, assessment.segments, width=width),
+                partial(segments_strips, recording.time, assessment.segments),
                 "Segment scores, in the colours of the body.",
             ),
         ],
@@ -237,9 +228,7 @@ def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
         " the centres). The angles are those of the recording's own bones.",
         pictures=[
             Picture.of(
-                lambda width: lines_chart(
-                    "Fit error", recording.time, error, "mm", from_zero=True, width=width
-                )
+                partial(lines_chart, "Fit error", recording.time, error, "mm", from_zero=True)
             )
         ],
         tables=[table for table in tables if table.rows],

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
+from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import Group, OverflowMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.recordings import Recording
+from ergoqp.mocap import Recording
 from ergoqp.report import palette
-from ergoqp.report.run_facts import facts_of, hint_of, told_of, violation_rows
+from ergoqp.report.run_facts import RunFacts, hint_of, told_of, violation_rows
 from ergoqp.report.scores import summary_of, worst_in_words
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
@@ -24,24 +26,16 @@ def run_table(run: Run) -> RenderableType:
     Args:
         run: the run.
     """
-    facts = facts_of(run)
-    scores = _plain(Text(run.title), ("", "before", "after", "best"), numeric=(1, 2, 3))
-    scores.add_row(
-        "REBA",
-        _score(facts.before),
-        _score(facts.after),
-        f"{_score(facts.best)} at {facts.best_at:.1f} s",
-    )
+    facts = RunFacts(run)
+    best = f"{_score(facts.best)} at {facts.best_at:.1f} s"
+    scores: list[tuple[str | Text, ...]] = [
+        ("REBA", _score(facts.before), _score(facts.after), best)
+    ]
     for name in palette.SEGMENTS:
         before, after = facts.segments_before[name], facts.segments_after[name]
         style = "" if before == after else "bold"
-        scores.add_row(
-            Text(name.replace("_", " "), style=style),
-            Text(str(before)),
-            Text(str(after), style=style),
-            "",
-        )
-    rest = _plain(None, ("", ""))
+        label = Text(name.replace("_", " "), style=style)
+        scores.append((label, Text(str(before)), Text(str(after), style=style), ""))
     counts = ", ".join(f"{status} {count}" for status, count in facts.status_counts.items())
     rows = [
         ("change", facts.change),
@@ -71,9 +65,10 @@ def run_table(run: Run) -> RenderableType:
     outside = [f"{joint} {count} samples" for joint, count in run.person_outside.items() if count]
     if outside:
         rows.append(("person beyond range", "; ".join(outside)))
-    for name, words in rows:
-        rest.add_row(name, Text(words))
-    return Group(scores, rest)
+    return Group(
+        table_of(Text(run.title), ("", "before", "after", "best"), scores, overflow="fold"),
+        _words_table(rows),
+    )
 
 
 def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
@@ -84,55 +79,66 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
         assessment: assessment of its n postures.
     """
     summary = summary_of(recording, assessment)
-    table = _plain(None, ("", ""))
-    table.add_row(
-        "frames",
-        f"{summary['valid_frames']} of {summary['frames']} scored, {summary['duration_s']:.1f} s",
-    )
+    scored = f"{summary['valid_frames']} of {summary['frames']} scored"
+    rows = [("frames", f"{scored}, {summary['duration_s']:.1f} s")]
     if summary["not_scored"]:
         causes = [f"{cause} {count}" for cause, count in summary["not_scored"].items()]
-        table.add_row("not scored", Text(", ".join(causes)))
+        rows.append(("not scored", ", ".join(causes)))
     worst = summary["worst"]
     if worst is None:
-        return table
-    table.add_row(
-        "REBA",
-        f"mean {summary['mean']:.2f}, median {summary['median']:g}, p95 {summary['p95']:g}, max"
-        f" {summary['max']}",
-    )
-    table.add_row(
-        "time at risk",
-        ", ".join(f"{name} {100 * share:.0f} %" for name, share in summary["share"].items()),
-    )
+        return _words_table(rows)
+    reba = f"mean {summary['mean']:.2f}, median {summary['median']:g}, p95 {summary['p95']:g}"
+    rows.append(("REBA", f"{reba}, max {summary['max']}"))
+    shares = [f"{name} {100 * share:.0f} %" for name, share in summary["share"].items()]
+    rows.append(("time at risk", ", ".join(shares)))
     if summary["fit_error_mm"] is not None:
         error = summary["fit_error_mm"]
-        table.add_row("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm")
-    table.add_row(
-        "worst",
-        worst_in_words(worst),
+        rows.append(("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm"))
+    rows.append(("worst", worst_in_words(worst)))
+    segments = [
+        (name.replace("_", " "), f"{each['mean']:.2f}", str(each["max"]))
+        for name, each in summary["segments"].items()
+    ]
+    return Group(
+        _words_table(rows),
+        table_of(None, ("why",), [(Text(why),) for why in worst["reasons"]], overflow="fold"),
+        table_of(None, ("segment", "mean", "highest"), segments, overflow="fold"),
     )
-    reasons = _plain(None, ("why",))
-    for sentence in worst["reasons"]:
-        reasons.add_row(Text(sentence))
-    segments = _plain(None, ("segment", "mean", "highest"), numeric=(1, 2))
-    for name, each in summary["segments"].items():
-        segments.add_row(name.replace("_", " "), f"{each['mean']:.2f}", str(each["max"]))
-    return Group(table, reasons, segments)
 
 
-def _plain(title: Text | None, head: tuple[str, ...], numeric: tuple[int, ...] = ()) -> Table:
-    """Return a table without lines, readable in a pipe; without a head if no column has a name."""
-    table = Table(
-        title=title, box=None, show_header=any(head), title_justify="left", pad_edge=False
-    )
+def _words_table(rows: Iterable[tuple[str, str]]) -> Table:
+    """Return a table of names and their words."""
+    cells = [(name, Text(words)) for name, words in rows]
+    return table_of(None, ("", ""), cells, words=(0, 1), overflow="fold")
+
+
+def table_of(
+    title: Text | str | None,
+    head: Sequence[str],
+    rows: Iterable[Sequence[RenderableType]],
+    *,
+    words: Sequence[int] = (0,),
+    framed: bool = False,
+    overflow: OverflowMethod = "ellipsis",
+) -> Table:
+    """Return a table for the terminal; without a head if no column has a name.
+
+    Args:
+        title: title above it.
+        head: names of the columns.
+        rows: cells.
+        words: numbers of the columns with words; the others are numbers.
+        framed: whether it has lines; without them it is readable in a pipe.
+        overflow: what becomes of words that are too long for their column.
+    """
+    frame: dict[str, Any] = {} if framed else {"box": None, "pad_edge": False}
+    table = Table(title=title, title_justify="left", show_header=any(head), **frame)
     for i, name in enumerate(head):
-        table.add_column(name, justify="right" if i in numeric else "left", overflow="fold")
+        table.add_column(name, justify="left" if i in words else "right", overflow=overflow)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
 def _score(score: int) -> str:
-    return (
-        f"{score} {palette.risk_of_level(int(palette.level_of_score(score)))}"
-        if score
-        else "not scored"
-    )
+    return f"{score} {palette.risk_of_score(score)}" if score else "not scored"

@@ -8,18 +8,27 @@ from functools import cached_property
 
 import casadi as ca
 
-from ergoqp.human.kinematics import Kinematics, base_jacobian
+from ergoqp.expressions import pose_matrix
+from ergoqp.human import Kinematics
+from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.responses.contact import contact_frame
-from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
-from ergoqp.responses.gaze import gaze
 from ergoqp.responses.ik import IkResponse
-from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
+from ergoqp.responses.stance_and_gaze import (
+    LEG_JOINTS,
+    STRAIGHT_KNEE,
+    TRUNK,
+    arm_of,
+    contact_frame,
+    gaze,
+    hanging,
+    swinging,
+    turn_about,
+)
 
 _ROUND = 1e-3
 """Width of the transition from straight to bent knees [rad].
 
-See `ergoqp.responses.stance.with_bent_knees`.
+See `ergoqp.responses.stance_and_gaze.with_bent_knees`.
 """
 
 
@@ -51,8 +60,7 @@ def soles_of(response: IkResponse) -> ca.Function:
     poses = []
     for side in SIDES:
         position, rotation, _ = response.kinematics.at(f"{side}_sole", q)
-        local = ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-        poses.append(pelvis @ local)
+        poses.append(pelvis @ pose_matrix(position, rotation))
     return ca.Function("soles", [q], [ca.densify(ca.horzcat(*poses))])
 
 
@@ -86,7 +94,7 @@ class Holding:
             self._base = pelvis[:3]
         else:
             self._base = ca.vertcat(0, 0, ca.SX(response.seat) if seat is None else seat)
-        self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
+        self._turned = turn_about(2, pelvis[3]) if self.standing else ca.SX.eye(3)
         self._hands = [self.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
         self.work, turned = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)
         self._axis = turned[:, 0]
@@ -194,11 +202,3 @@ def hang(response: IkResponse, posture: ca.SX) -> None:
 
 def _turn(have: ca.SX, want: ca.SX) -> ca.SX:
     return sum((ca.cross(have[:, i], want[:, i]) for i in range(3)), ca.SX(3, 1)) / 2
-
-
-def _about_z(angle: ca.SX) -> ca.SX:
-    rotation = ca.SX.eye(3)
-    rotation[0, 0] = rotation[1, 1] = ca.cos(angle)
-    rotation[1, 0] = ca.sin(angle)
-    rotation[0, 1] = -rotation[1, 0]
-    return rotation

@@ -1,26 +1,268 @@
-"""The model person as inverse kinematics: keep the contact, move the joints that cost least."""
+"""The model person as inverse kinematics: keep the contact, move the joints that cost least.
+
+All rates of pelvis, trunk, neck and arms together minimise 1/2 v' W v + 1/2 |A v - a|^2 / s^2. The
+rows A v = a are those of the hands, which follow the object, and those of the gaze, which follows
+the work. A row with a smaller softness s is kept more exactly. With K for the rows, v = W^-1 K' (K
+W^-1 K' + s^2)^-1 a: a soft row has a nonzero entry on the diagonal.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, flag, names_of, shown
+from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
+from ergoqp.expressions import pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
-from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.responses.by_joint import DEFAULT_COMFORT_DEG, DEFAULT_WEIGHTS, per_joint
-from ergoqp.responses.contact import TOOL_AXES
-from ergoqp.responses.following import Following
-from ergoqp.responses.free_arm import HANGING_DEG, arm_of, swinging
-from ergoqp.responses.stance import LEG_JOINTS, Stance, seat_in_words, seated, standing
+from ergoqp.human.body import base_jacobian
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
+from ergoqp.responses.stance_and_gaze import (
+    HANGING_DEG,
+    LEG_JOINTS,
+    LEGS,
+    TRUNK,
+    Gaze,
+    Stance,
+    about_tool,
+    arm_of,
+    carried_to,
+    contact_frame,
+    gaze,
+    hanging,
+    seat_in_words,
+    seated,
+    standing,
+    swinging,
+)
 
-_ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
+DEFAULT_WEIGHTS: Final[dict[str, float]] = {
+    "trunk_flexion": 3.5,
+    "trunk_side_bend": 8.0,
+    "trunk_twist": 5.0,
+    "shoulder_flexion": 1.0,
+    "shoulder_abduction": 3.0,
+    "shoulder_rotation": 0.8,
+    "elbow_flexion": 0.6,
+    "forearm_pronation": 0.4,
+    "wrist_flexion": 1.0,
+    "wrist_deviation": 1.5,
+    "hip_flexion": 2.0,
+    "hip_abduction": 5.0,
+    "hip_rotation": 5.0,
+    "knee_flexion": 3.5,
+    "ankle_flexion": 3.0,
+    "ankle_inversion": 5.0,
+}
+"""Relative cost of moving each joint, the same on both sides.
+
+The trunk carries half of the body; the forearm carries little.
+"""
+
+DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
+    "standing": {"hip_flexion": 4.0, "knee_flexion": 8.0, "ankle_flexion": 4.0},
+    "seated": {"hip_flexion": 85.0, "knee_flexion": 85.0},
+}
+"""Comfort angles of the legs if a problem does not give them [deg].
+
+People do not stand with locked knees, and locked knees cannot follow.
+"""
+
+
+def per_joint(
+    given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str
+) -> np.ndarray:
+    """Return one value per joint (32,) from values by name.
+
+    A name without a side means both sides.
+
+    Raises:
+        InputError: if a name is not the name of a joint.
+    """
+    values = np.full(len(JOINTS), rest)
+    for table in (defaults, given):
+        # Names with a side come last. So they override the name of both sides in any order.
+        for name in sorted(table, key=lambda key: key in INDEX):
+            targets = [name] if name in INDEX else [f"{side}_{name}" for side in SIDES]
+            if any(target not in INDEX for target in targets):
+                raise InputError(
+                    f"{what}: got {name!r}, allowed a joint such as 'trunk_flexion' or"
+                    " 'elbow_flexion'"
+                )
+            for target in targets:
+                values[INDEX[target]] = table[name]
+    return values
+
+
+def sensitivity_function(
+    geometry: ca.Function, chain: list[int], hanging: list[int], damping: float, hands: int
+) -> ca.Function:
+    """Return ``(q, locked) -> (S, E)`` from the geometry, as products of matrices.
+
+    Args:
+        geometry: ``(q (32,), locked (32,)) -> (K', W^-1 K', softness, wanted, legs, swing)`` of
+            `ergoqp.responses.stance_and_gaze`.
+        chain: joints from the trunk up for which K has columns, after the four of the pelvis; those
+            of the trunk come first.
+        hanging: joints that swing with those of the trunk.
+        damping: damping of the rows of the hands [m, rad].
+        hands: number of the rows of the hands, which come first.
+    """
+    q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
+    K, pull, softness, wanted, legs, swing = geometry(q, locked)
+    M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
+    inverse = ca.Function("inverse", [M], [spd_inverse(M)])
+    multipliers = inverse(K.T @ pull + softness) @ wanted
+    rates = pull @ multipliers
+    swung = ca.vec(swing @ rates[4:7, :]) if hanging else ca.MX(0, 1)
+    moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), swung, 0)
+    # The legs follow the pelvis, and a hanging arm follows the trunk. All other joints are rates
+    # themselves. Joints that are none of these stay zero, the last entry.
+    height, at_legs = 4 + len(chain), 6 * (4 + len(chain))
+    places = np.full((len(JOINTS), 6), moved.numel() - 1)
+    places[chain] = np.arange(6 * height).reshape(6, height).T[4:]
+    places[LEGS] = at_legs + np.arange(6 * len(LEGS)).reshape(6, -1).T
+    places[hanging] = at_legs + 6 * len(LEGS) + np.arange(6 * len(hanging)).reshape(6, -1).T
+    S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
+    # G xi - J S xi: the rest due to damping, which is everything where the joints cannot follow.
+    E = damping**2 * multipliers[:hands, :]
+    return ca.Function(
+        "sensitivity", [q, locked], [S, ca.densify(E)], ["q", "locked"], ["sensitivity", "unmet"]
+    )
+
+
+def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
+    """Return sensitivity, drift, contact, grips and reach, as `IkResponse` describes them."""
+    q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
+    weights, kinematics = ca.SX(ca.DM(person.weight_vector)), person.kinematics
+    chain = [INDEX[joint] for joint in person.chain if joint in UPPER_BODY]
+    wish = (ca.SX(ca.DM(person.comfort)) - q) / person.relaxation_time * (1 - locked)
+    if person.stance == "seated":
+        stance = seated(person.seat)
+    else:
+        balance, time = person.balance, person.relaxation_time
+        stance = standing(kinematics, q, weights, locked, wish, balance, time)
+    hands = [kinematics.at(f"{hand}_grip", q) for hand in person.hands]
+    position, rotation = contact_frame([(p, r) for p, r, _ in hands], person.tool)
+    if person.looks:
+        seen = gaze(kinematics, q, position, chain)
+    else:
+        seen = Gaze(ca.SX(0, 1), ca.SX(0, len(chain)), ca.SX(0, 3))
+    K, softness, wanted, kept = _rows(person, chain, stance, hands, position, rotation[:, 0], seen)
+    free = (1 - locked[chain]) / weights[chain]
+    pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
+    pull = ca.diagcat(pelvis, ca.diag(free)) @ K.T
+    inverse_M = spd_inverse(K @ pull + softness)
+    swing, fall = _swing(person, q)
+    side = len(hands)
+
+    def in_joints(rates: ca.SX) -> ca.SX:
+        """Return the rates of all 32 joints from those of pelvis and chain."""
+        spread = stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
+        spread[chain, :] = rates[4:, :]
+        if person.hanging is not None:
+            joints = swinging(person.hanging)
+            spread[joints, :] = swing @ rates[4:7, :] * (1 - locked[joints])
+        return spread
+
+    own = ca.vertcat(stance.relax, wish[chain])
+    asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / person.relaxation_time)
+    relax = in_joints(own + pull @ (inverse_M @ (asked - K @ own)))
+    if person.hanging is not None:
+        relax[arm_of(person.hanging)] += fall * (1 - locked[arm_of(person.hanging)])
+
+    error = ca.SX.sym("e", 6 * side)
+    to_hands = ca.diagcat(*[stance.yaw.T] * (2 * side)) @ error
+    work = sum((to_hands[6 * i : 6 * i + 3] for i in range(side)), ca.SX(3, 1)) / side
+    asked = ca.vertcat(kept @ to_hands, -seen.by_work @ work)
+    reach = in_joints(pull @ (inverse_M @ asked))
+
+    parts = {
+        "K": K.T,
+        "pull": pull,
+        "softness": softness,
+        "wanted": wanted @ ca.diagcat(stance.yaw.T, stance.yaw.T),
+        "legs": stance.legs[LEGS, :],
+        "swing": swing * (1 - locked[swinging(person.hanging)]) if person.hanging else swing,
+    }
+    base = pose_matrix(stance.position, stance.yaw)
+    grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
+    poses = [base @ pose_matrix(position, rotation), base]
+    return (
+        sensitivity_function(
+            ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
+            chain,
+            [] if person.hanging is None else swinging(person.hanging),
+            person.damping,
+            6 * side,
+        ),
+        ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
+        ca.Function(
+            "contact", [q], ca.cse(list(map(ca.densify, poses))), ["q"], ["contact", "pelvis"]
+        ),
+        ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
+        ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
+    )
+
+
+def _swing(person: IkResponse, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return how a hanging arm turns with the trunk (2, 3), and its rates toward hanging (7,).
+
+    The rates are in rad/s.
+    """
+    if person.hanging is None:
+        return ca.SX(0, 3), ca.SX(0, 1)
+    joints, arm = swinging(person.hanging), arm_of(person.hanging)
+    trunk = ca.SX.sym("trunk", 3)
+    hangs = hanging(trunk, person.hanging, ca.SX(ca.DM(person.comfort[joints])))
+    both = ca.Function("hangs", [trunk], [hangs, ca.jacobian(hangs, trunk)])
+    down, swing = both(q[TRUNK])
+    goal = ca.SX(ca.DM(person.comfort[arm]))
+    goal[[arm.index(joint) for joint in joints]] = down
+    return swing, (goal - q[arm]) / person.relaxation_time
+
+
+def _rows(
+    person: IkResponse,
+    chain: list[int],
+    stance: Stance,
+    hands: list[tuple[ca.SX, ca.SX, ca.SX]],
+    work: ca.SX,
+    axis: ca.SX,
+    seen: Gaze,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return the rows of hands and eyes that the rates keep, in pelvis axes.
+
+    Returns:
+        K (r, 4 + n), the rate of the rows per rate of pelvis and chain; their softness (r, r);
+        their wanted rate (r, 6) per twist; and (6 k, 6 k) the part of a motion that the hands
+        keep: all except turns about a free tool.
+    """
+    moves, wants, about = [], [], []
+    for p, _, jacobian in hands:
+        moves.append(ca.horzcat(base_jacobian(p), jacobian[:, chain]))
+        wants.append(carried_to(p - work))
+        about.append(about_tool(axis, person.free_about_tool))
+    turning = ca.diagcat(*about)
+    kept = ca.SX.eye(6 * len(hands)) - turning
+    firm = turning + person.damping**2 * ca.SX.eye(6 * len(hands))
+    # In pelvis axes, the work moves opposite to the pelvis.
+    by_pelvis = -seen.by_work @ base_jacobian(work)[:3, :]
+    if not stance.moves:
+        by_pelvis = ca.SX(*by_pelvis.shape)
+    count = seen.residual.shape[0]
+    lenient = ca.SX.eye(count) / person.attention if count else ca.SX(0, 0)
+    return (
+        ca.vertcat(kept @ ca.vertcat(*moves), ca.horzcat(by_pelvis, seen.by_joints)),
+        ca.diagcat(firm, lenient),
+        ca.vertcat(kept @ ca.vertcat(*wants), ca.horzcat(-seen.by_work, ca.SX(count, 3))),
+        kept,
+    )
 
 
 @dataclass(frozen=True)
@@ -29,9 +271,9 @@ class IkResponse:
 
     The joint rates minimise 1/2 v' W v subject to J v = G xi. So v = S xi with S = W^-1 J' (J W^-1
     J')^-1 G: the weighted pseudo-inverse of Whitney (1972). If the person stands, the rows of the
-    soles are eliminated exactly (`ergoqp.responses.stance`). The rows of the hands are damped, and
-    looking at the work adds soft rows (`ergoqp.responses.following`). A locked joint has a zero in
-    W^-1, and the others follow without it.
+    soles are eliminated exactly (`ergoqp.responses.stance_and_gaze`). The rows of the hands are
+    damped, and looking at the work adds soft rows. A locked joint has a zero in W^-1, and the
+    others follow without it.
 
     Attributes:
         body: the body of the model person.
@@ -53,8 +295,8 @@ class IkResponse:
         damping: damping of the rows of the hands [m, rad], so that singular arms do not ask for
             infinite rates.
         looks: whether the person looks at the work. The neck then follows it, and trunk and neck
-            share what the eyes do not turn, see `ergoqp.responses.gaze`. Otherwise the neck stays
-            as it is.
+            share what the eyes do not turn, see `ergoqp.responses.stance_and_gaze`. Otherwise the
+            neck stays as it is.
         attention: cost of not seeing the work with ease, per rad^2 beyond the easy turn of the
             eyes, in the units of `weights`.
         free_arm: position of an arm that holds nothing. It ``"hangs"``, or it ``"rests"`` on a
@@ -80,16 +322,18 @@ class IkResponse:
     body: Body = field(default_factory=Body)
     hands: tuple[str, ...] = ("right",)
     stance: Literal["standing", "seated"] = "standing"
-    seat_height: float | None = None
-    tool: str = "along"
+    seat_height: Annotated[float, Range(0.2, 1.2, "m")] | None = None
+    tool: Literal["along", "thumb"] = "along"
     free_about_tool: bool = True
-    weights: Mapping[str, float] = field(default_factory=dict)
-    comfort_deg: Mapping[str, float] = field(default_factory=dict)
-    balance: float = 60.0
-    relaxation_time: float = 1.0
-    damping: float = 0.02
+    weights: Mapping[str, Annotated[float, Range(1e-9, 1e9)]] = field(default_factory=dict)
+    comfort_deg: Mapping[str, Annotated[float, Range(-360.0, 360.0, "deg")]] = field(
+        default_factory=dict
+    )
+    balance: Annotated[float, Range(0.0, 1e6)] = 60.0
+    relaxation_time: Annotated[float, Range(1e-2, 1e3, "s")] = 1.0
+    damping: Annotated[float, Range(1e-6, 1.0)] = 0.02
     looks: bool = True
-    attention: float = 8.0
+    attention: Annotated[float, Range(1e-3, 1e6)] = 8.0
     free_arm: Literal["hangs", "rests"] | None = None
 
     def __post_init__(self) -> None:
@@ -101,31 +345,9 @@ class IkResponse:
             raise InputError(f"hands: got {shown(hands)}, allowed {allowed}")
         # The contact frame is made from the right grip to the left one.
         object.__setattr__(self, "hands", tuple(side for side in SIDES if side in hands))
-        if not isinstance(self.stance, str) or self.stance not in ("standing", "seated"):
-            raise InputError(f"stance: got {shown(self.stance)}, allowed 'standing' or 'seated'")
-        if not isinstance(self.tool, str) or self.tool not in TOOL_AXES:
-            raise InputError(f"tool: got {shown(self.tool)}, allowed one of {', '.join(TOOL_AXES)}")
-        for name in ("free_about_tool", "looks"):
-            object.__setattr__(self, name, flag(name, getattr(self, name)))
-        arm = self.free_arm
-        if arm is not None and not (isinstance(arm, str) and arm in ("hangs", "rests")):
-            raise InputError(f"free_arm: got {shown(arm)}, allowed 'hangs', 'rests' or none")
         for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
             check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
-        for name, low, high in (
-            ("seat_height", 0.2, 1.2),
-            ("balance", 0.0, 1e6),
-            ("relaxation_time", 1e-2, 1e3),
-            ("damping", 1e-6, 1.0),
-            ("attention", 1e-3, 1e6),
-        ):
-            unset = name == "seat_height" and self.seat_height is None
-            if not unset:
-                check_number(name, getattr(self, name), low, high)
-        for joint, weight in self.weights.items():
-            check_number(f"weights of {joint}", weight, 1e-9, 1e9)
-        for joint, angle in self.comfort_deg.items():
-            check_number(f"comfort_deg of {joint}", angle, -360.0, 360.0, "deg")
+        check_parameters(self)
         outside = ~((self.comfort >= LOWER - 1e-9) & (self.comfort <= UPPER + 1e-9))
         if outside.any():
             j = int(np.argmax(outside))
@@ -155,9 +377,8 @@ class IkResponse:
         These are the trunk, the neck of a person who looks at the work, the working arms and, when
         standing, the legs.
         """
-        chains = ("trunk", *(("neck",) if self.looks else ()))
-        chains += tuple(f"{hand}_{part}" for hand in self.hands for part in _ARM)
-        moved = [joint for joint in JOINTS[:20] if joint.startswith(chains)]
+        chains = ("trunk", *(("neck",) if self.looks else ()), *self.hands)
+        moved = [joint for joint in UPPER_BODY if joint.startswith(chains)]
         if self.stance == "standing":
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
         return tuple(moved)
@@ -278,24 +499,4 @@ class IkResponse:
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ...]:
-        return Following(
-            kinematics=self.kinematics,
-            hands=self.hands,
-            tool=self.tool,
-            free_about_tool=self.free_about_tool,
-            damping=self.damping,
-            weights=self.weight_vector,
-            comfort=self.comfort,
-            relaxation_time=self.relaxation_time,
-            chain=[INDEX[joint] for joint in self.chain if joint in JOINTS[:20]],
-            stand=self._stance,
-            attention=self.attention if self.looks else 0.0,
-            hanging=self.hanging,
-        ).functions
-
-    def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
-        if self.stance == "seated":
-            return seated(self.seat)
-        return standing(
-            self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time
-        )
+        return functions_of(self)

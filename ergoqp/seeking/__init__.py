@@ -1,5 +1,5 @@
 """A loop that tries places, and judges them by the measured posture."""
 
+from ergoqp.seeking.next_place import Place as Place
+from ergoqp.seeking.next_place import SeekOptions as SeekOptions
 from ergoqp.seeking.seeker import Seeker as Seeker
-from ergoqp.seeking.tries import Place as Place
-from ergoqp.seeking.tries import Seeking as Seeking

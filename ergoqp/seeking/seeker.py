@@ -7,7 +7,9 @@ of their mean posture over one second at rest.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
 import numpy as np
@@ -15,16 +17,102 @@ import numpy as np
 from ergoqp.arguments import as_tuple, check_kind
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
-from ergoqp.identification.resting import Resting, RestWatch
+from ergoqp.identification.identify import Identifier
+from ergoqp.identification.loops import Resting, RestWatch
+from ergoqp.identification.promising import Candidate, CandidateSearch
 from ergoqp.joints import JOINTS
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
-from ergoqp.seeking.thought import Thought, a_place, can_think
-from ergoqp.seeking.tries import Place, Seeking, Tries, Try
-from ergoqp.step.guide.place import Guide, read_guide
-from ergoqp.step.guide.trial import BACK, LOOK, THERE
+from ergoqp.responses.ik import IkResponse
+from ergoqp.seeking.next_place import Place, SearchState, SeekOptions, Try
+from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.model import stand_in
-from ergoqp.step.stepper import Step, Stepper
-from ergoqp.step.user_values import number, truth
+from ergoqp.step.rest import BACK, LOOK, THERE
+from ergoqp.step.stepper import Step, Stepper, number, truth
+
+LONGEST: Final = 2.0
+"""Largest duration of an identification in the background, approximately [s]."""
+
+FITS_DEG: Final = 15.0
+"""Largest residual of rests that an identified person may have [deg].
+
+Residuals of people were mostly within 4 and at most 10. With the other hand, or with angles in
+another order, they are 19 and more.
+"""
+
+_LOG = logging.getLogger(__name__)
+
+
+def can_think(problem: Problem) -> bool:
+    """Return whether a problem has what identification and the place search need."""
+    limits = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    return isinstance(problem.response, IkResponse) and all(each is not None for each in limits)
+
+
+def a_place(problem: Problem) -> np.ndarray:
+    """Return any place (4, 4) [m] that a problem allows."""
+    return Workspace(problem).pose(np.zeros(5))
+
+
+class BackgroundIdentification:
+    """Identification of the person and search for places, one at a time.
+
+    Args:
+        problem: the task.
+        noise_deg: scale at which postures are scored [deg].
+
+    Attributes:
+        note: why the last run gave no result; empty if it gave one.
+    """
+
+    def __init__(self, problem: Problem, noise_deg: float) -> None:
+        """Build the models."""
+        self._identifier, self._promising = Identifier(problem), CandidateSearch(problem, noise_deg)
+        self._aside: ThreadPoolExecutor | None = None
+        self._future: Future[list[Candidate]] = Future()
+        self._future.set_result([])
+        self.note = ""
+
+    def begin(self, rests: Sequence[Resting], best: float, patient: bool) -> None:
+        """Begin with the given rests and the best score; return at once unless `patient`."""
+        given = list(rests)
+        if patient:
+            self._future = Future()
+            self._future.set_result(self._think(given, best, np.inf))
+            return
+        if self._aside is None:
+            self._aside = ThreadPoolExecutor(1, thread_name_prefix="ergoqp-thought")
+        self._future = self._aside.submit(self._think, given, best, LONGEST)
+
+    @property
+    def done(self) -> bool:
+        """Whether the run is finished."""
+        return self._future.done()
+
+    def promises(self) -> list[Candidate]:
+        """Return what places promise, the most promising first; empty if there is no result."""
+        return self._future.result()
+
+    def _think(self, rests: list[Resting], best: float, longest: float) -> list[Candidate]:
+        # Whatever goes wrong here, the loop goes on with its measurements.
+        try:
+            self.note = ""
+            person = self._identifier.identify(rests, longest=longest / 2)
+            if not person.residual_deg <= FITS_DEG:
+                self.note = (
+                    f"no person of the model rests as measured: the likeliest one is"
+                    f" {person.residual_deg:.0f} deg off (another hand, or wrong angles?)"
+                )
+                return []
+            return self._promising.places(
+                person, best, [rest.pose for rest in rests], longest=longest / 2
+            )
+        except Exception:
+            _LOG.exception("identifying the person came to nothing")
+            self.note = "identifying the person came to nothing, see the log"
+            return []
+
 
 NOISE_DEG: Final = 2.0
 """Scale of the smooth score of a measured posture [deg]: remaining noise and variation at rest."""
@@ -55,7 +143,7 @@ class Seeker:
     Args:
         problem: the task; it must move an object that a person holds.
         places: places to try after descent, the most promising first: `Place`, or an `Optimum`.
-        how: how many places, and for how long. None: the defaults of `Seeking`.
+        how: how many places, and for how long. None: the defaults of `SeekOptions`.
         thinks: whether the person is identified from the rests, and places are tried that promise
             to be better for them (`ergoqp.identify`).
         patient: whether the loop waits for this identification, as a simulation may. False: it runs
@@ -81,7 +169,7 @@ class Seeker:
         self,
         problem: Problem,
         places: Sequence[Any] = (),
-        how: Seeking | None = None,
+        how: SeekOptions | None = None,
         *,
         thinks: bool = True,
         patient: bool = False,
@@ -96,7 +184,7 @@ class Seeker:
             )
         if "guide" in terms:
             raise InputError("guide: got one, allowed only as one of the places to be tried")
-        check_kind("how", how, (Seeking, type(None)), "Seeking or None")
+        check_kind("how", how, (SeekOptions, type(None)), "SeekOptions or None")
         known = [_read_place(problem, place) for place in as_tuple("places", places)]
         thinks = thinks and can_think(problem)
         # A stepper can change its guide only if it is made with one.
@@ -106,9 +194,9 @@ class Seeker:
         self._guided, self._patient = bool(first), patient
         self.problem = self.stepper.problem
         self._score = SmoothReba((NOISE_DEG,), (1.0,), problem.method, **problem.task)
-        self._thought = Thought(problem, NOISE_DEG) if thinks else None
+        self._thought = BackgroundIdentification(problem, NOISE_DEG) if thinks else None
         floor = self.score(np.zeros(len(JOINTS)))
-        self._tries = Tries(known, how or Seeking(), floor, self._thought is not None)
+        self._tries = SearchState(known, how or SeekOptions(), floor, self._thought is not None)
         self._watch = RestWatch()
         self._rests: list[Resting] = []
         self.reset()

@@ -1,30 +1,279 @@
-"""REBA scores of many postures: the final scores at once, all details on demand."""
+"""Exact scores of many postures: the final scores at once, all details and reasons on demand.
+
+Exact scores by a sheet, vectorised: angles give segment scores, tables give the final score. The
+functions take a block of joint angles with one contiguous row per joint, so that each comparison
+runs over a whole row of postures. All scores are int8.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
-from ergoqp.sheets.description import TIE, Segment, Sheet
-from ergoqp.sheets.elevation import by_elevation
-from ergoqp.sheets.look_up import (
-    Scores8,
-    look_up,
-    score_final,
-    score_segments,
-    score_side,
-    score_worse_segments,
-)
-from ergoqp.sheets.options import Method, sheet_of
-from ergoqp.sheets.postures import check_angles
-from ergoqp.sheets.task import Task
-from ergoqp.sheets.words import explain_segment
+from ergoqp.sheets.description import TIE, Segment, Sheet, StepFunction, by_elevation
+from ergoqp.sheets.options import Method, Task, sheet_of
+
+Scores8 = NDArray[np.int8]
+
+
+def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, side: str) -> Scores8:
+    """Return a segment's score on one side.
+
+    Args:
+        segment: the segment.
+        angles: shape (32, n), one row per joint [rad].
+        task: options of the n postures.
+        side: ``"right"``, ``"left"`` or ``""``.
+    """
+    if segment.worse_side:
+        total = np.maximum(
+            *(segment.base.score(angles[segment.joint(segment.base, s)]) for s in SIDES)
+        )
+    else:
+        total = segment.base.score(angles[segment.joint(segment.base, side)])
+    if segment.skipped_by is not None:
+        total = total * ~task.flag(segment.skipped_by, side)
+    total += np.int8(segment.start)
+    for modifier in segment.modifiers:
+        points = [step.score(angles[segment.joint(step, side)]) for step in modifier.conditions]
+        for one in points if modifier.additive else [np.bitwise_or.reduce(points)]:
+            total += one
+    for option in segment.options:
+        flag = task.flag(option.option, side)
+        if option.not_with is not None:
+            flag = flag & ~task.flag(option.not_with, side)
+        total += np.int8(option.points) * flag
+    return np.clip(total, 1, segment.highest, out=total)
+
+
+def score_segments(sheet: Sheet, angles: NDArray[np.float64], task: Task) -> dict[str, Scores8]:
+    """Return the score of every segment by its label, ``"neck"`` ... ``"left_wrist"``.
+
+    The arguments are those of :func:`score_segment`.
+    """
+    return {
+        segment.label(side): score_segment(segment, angles, task, side)
+        for segment, side in sheet.places
+    }
+
+
+def look_up(sheet: Sheet, table: str, *scores: Scores8) -> Scores8:
+    """Return cells of a table.
+
+    Args:
+        sheet: the sheet with the table.
+        table: name of the table.
+        *scores: one array of scores, counted from 1, per axis of the table.
+    """
+    cells = sheet.tables[table]
+    index = scores[0].astype(np.int16) - 1
+    for size, axis in zip(cells.cells.shape[1:], scores[1:], strict=True):
+        index = index * np.int16(size) + (axis - np.int8(1))
+    return np.take(cells.flat, index)
+
+
+def score_side(sheet: Sheet, segments: dict[str, Scores8], side: str) -> Scores8:
+    """Return the score of table B for one arm."""
+    return look_up(sheet, "B", *(segments[segment.label(side)] for segment in sheet.of_table("B")))
+
+
+def score_worse_segments(sheet: Sheet, segments: dict[str, Scores8]) -> Scores8:
+    """Return the score of table B for the worse of both arms in each segment."""
+    return look_up(
+        sheet,
+        "B",
+        *(np.maximum(*(segments[s.label(side)] for side in SIDES)) for s in sheet.of_table("B")),
+    )
+
+
+def score_final(
+    sheet: Sheet, table_a: Scores8, table_b: Scores8, points: dict[str, Scores8], highest: int
+) -> Scores8:
+    """Return the final score from the scores of tables A and B.
+
+    Args:
+        sheet: the sheet.
+        table_a: score of table A.
+        table_b: score of table B, of the arm that counts.
+        points: ``load``, ``coupling`` and ``activity``.
+        highest: upper end of the final score.
+    """
+    tables = sheet.tables
+    score_a, score_b = table_a + points[tables["A"].plus], table_b + points[tables["B"].plus]
+    return np.minimum(
+        look_up(sheet, "C", score_a, score_b) + points[tables["C"].plus], np.int8(highest)
+    )
+
+
+_DECIMALS: Final = 4
+"""Decimals [deg] to which 32-bit numbers are read; they may be off by 0.00002 deg."""
+
+
+def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
+    """Return postures as a read-only array of shape (n, 32) [rad] that no other code can write to.
+
+    32-bit numbers are rounded to the nearest 0.0001 deg, so that 60 deg are 60 deg.
+
+    An array that already is read-only and owns its data is not copied: an hour of postures is
+    110 MB.
+
+    Args:
+        postures: shape (n, 32) or (32,).
+
+    Raises:
+        InputError: if they are not numbers of that shape.
+    """
+    try:
+        rows = postures if _is_final(postures) else np.array(postures, dtype=float, order="C")
+        if rows is not postures and np.asarray(postures).dtype == np.float32:
+            rows = np.radians(np.round(np.degrees(rows), _DECIMALS))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad"
+        ) from None
+    if rows.shape == (len(JOINTS),):
+        rows = rows[np.newaxis]
+    if rows.ndim != 2 or rows.shape[1] != len(JOINTS):
+        raise InputError(
+            f"postures: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order"
+            " of JOINTS"
+        )
+    rows.setflags(write=False)
+    return rows
+
+
+def _is_final(postures: ArrayLike) -> TypeGuard[NDArray[np.float64]]:
+    """Return whether this is an array of numbers that owns its data and cannot be written to."""
+    return (
+        type(postures) is np.ndarray
+        and postures.base is None
+        and not postures.flags.writeable
+        and postures.dtype == np.float64
+        and postures.flags.c_contiguous
+    )
+
+
+def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool_]:
+    """Return which postures of a block have no NaN, shape (n,).
+
+    Args:
+        angles: shape (32, n), one row per joint [rad].
+        first_row: number of the block's first posture, for the message.
+
+    Raises:
+        InputError: if an angle is beyond +-180 deg or infinite.
+    """
+    count = angles.shape[1]
+    # Fast path for the usual case. A NaN fails both comparisons.
+    if count == 0 or (angles.min() >= -np.pi and angles.max() <= np.pi):
+        return np.ones(count, dtype=bool)
+    beyond = np.abs(angles) > np.pi + TIE
+    if beyond.any():
+        row = int(np.argmax(beyond.any(axis=0)))
+        joint = int(np.argmax(beyond[:, row]))
+        raise InputError(
+            f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad,"
+            " allowed: -pi to pi (degrees given as radians?)"
+        )
+    return np.logical_not(np.isnan(angles).any(axis=0))
+
+
+def explain_segment(
+    segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int
+) -> str:
+    """Return a sentence that explains the score of a segment.
+
+    An example is ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
+
+    Args:
+        segment: the segment.
+        posture: one posture, shape (32,) [rad].
+        task: options of this posture, single values.
+        side: ``"right"``, ``"left"`` or ``""``.
+        score: the exact score. It is named at the end if a clamp changed the sum.
+    """
+    joint_side = _worse_side(segment, posture) if segment.worse_side else side
+    angle = float(posture[segment.joint(segment.base, joint_side)])
+    base = segment.base.scores[segment.base.band(angle)]
+    if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
+        parts = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"]
+        total = segment.start
+    else:
+        total = segment.start + base
+        name = segment.label(side) + (f", {joint_side} knee" if segment.worse_side else "")
+        parts = [f"{name} {_amount(segment.base, angle)}, {_band(segment.base, angle)}: {total}"]
+    for modifier in segment.modifiers:
+        met = []
+        for step in modifier.conditions:
+            value = float(posture[segment.joint(step, side)])
+            if step.scores[step.band(value)]:
+                met.append(f"{_word(step, value)} {_magnitude(step, value)} deg")
+        if met and not modifier.additive:
+            met = [" and ".join(met)]
+        parts += [f"{one}: +1" for one in met]
+        total += len(met)
+    for option in segment.options:
+        blocked = option.not_with is not None and bool(task.flag(option.not_with, side))
+        if task.flag(option.option, side) and not blocked:
+            parts.append(f"{option.words}: {option.points:+d}")
+            total += option.points
+    if total != score:
+        parts.append(f"{'at least' if total < score else 'at most'} {score}: {score - total:+d}")
+    return "; ".join(parts).replace("_", " ")
+
+
+def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
+    def score(side: str) -> int:
+        return segment.base.scores[
+            segment.base.band(float(posture[segment.joint(segment.base, side)]))
+        ]
+
+    return max(SIDES, key=score)
+
+
+def _amount(step: StepFunction, angle: float) -> str:
+    return f"{_magnitude(step, angle)} deg {_word(step, angle)}"
+
+
+def _word(step: StepFunction, angle: float) -> str:
+    return step.words[angle >= 0]
+
+
+def _magnitude(step: StepFunction, angle: float) -> str:
+    """Return the size of an angle with the fewest decimals that keep it in its band.
+
+    This avoids sentences such as "20, over 20".
+    """
+    degrees = float(np.degrees(angle))
+    for decimals in range(9):
+        shown = round(degrees, decimals)
+        if step.band(float(np.radians(shown))) == step.band(angle):
+            return f"{abs(shown):.{decimals}f}"
+    return f"{abs(degrees):.9f}"
+
+
+def _band(step: StepFunction, angle: float) -> str:
+    """Return the band of an angle by its ends, in the direction of the angle."""
+    band = step.band(angle)
+    ends = [-np.inf, *np.degrees(step.edges), np.inf]
+    low, high = ends[band], ends[band + 1]
+    if high == np.inf:
+        return f"over {low:.4g}"
+    if low == -np.inf:
+        return f"over {-high:.4g}" if high <= 0 else f"under {high:.4g}"
+    if high <= 0:
+        return f"{-high:.4g} to {-low:.4g}"
+    if low < 0:
+        both = f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
+        return f"within {high:.4g}" if low == -high else both
+    return f"{low:.4g} to {high:.4g}"
+
 
 _BLOCK: Final = 2048
 """Postures per block: 32 rows of float64 stay within the second-level cache."""
@@ -138,15 +387,11 @@ class Assessment:
             InputError: if there is no posture with that number.
         """
         i = self._index(i, "reasons")
-        posture, task, sheet = self.postures[i], self._task.rows(i), self._sheet
+        posture, task = self.postures[i], self._task.rows(i)
         if not self.valid[i]:
             missing = ", ".join(spoken(JOINTS[j]) for j in np.flatnonzero(np.isnan(posture)))
             return [f"not scored: no angle for {missing}"]
-        sentences = [
-            self._segment(segment, side, i)
-            for segment in sheet.segments.values()
-            for side in segment.sides
-        ]
+        sentences = [self._segment(segment, side, i) for segment, side in self._sheet.places]
         sentences += self._composition(i, task)
         for j in np.flatnonzero(self.outside[i]):
             low, high = np.degrees([LOWER[j], UPPER[j]])
@@ -174,12 +419,9 @@ class Assessment:
             return []
         points = {name: int(value) for name, value in self._task.rows(i).points.items()}
         counts = (str(self.arm[i]),) if self.method.arms == "whole" else SIDES
-        places = [
-            (segment, side) for segment in self._sheet.segments.values() for side in segment.sides
-        ]
         return [
             self._segment(segment, side, i)
-            for segment, side in places
+            for segment, side in self._sheet.places
             if side in ("", *counts) and self._scored[segment.label(side)][i] > 1
         ] + [f"{name}: +{value}" for name, value in points.items() if value]
 
@@ -212,15 +454,11 @@ class Assessment:
             int(sheet.tables[t].cells[tuple(scores[axis] - 1 for axis in sheet.tables[t].axes)])
             for t in "AB"
         )
-        load, coupling, activity = (
-            int(task.points[name]) for name in ("load", "coupling", "activity")
-        )
+        names = ("load", "coupling", "activity")
+        load, coupling, activity = (int(task.points[name]) for name in names)
         score_c = int(sheet.tables["C"].cells[table_a + load - 1, table_b + coupling - 1])
-        source = (
-            f"the {self.arm[i]} arm"
-            if self.method.arms == "whole"
-            else "the worse of both arms per segment"
-        )
+        whole = self.method.arms == "whole"
+        source = f"the {self.arm[i]} arm" if whole else "the worse of both arms per segment"
         mass = f"{float(task.load_kg):g} kg{' with shock' if task.shock else ''}"
         final, level = int(self.final[i]), sheet.levels[int(self.band[i])]
         capped = f", at most {final}" if final < score_c + activity else ""
@@ -240,7 +478,7 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
     """Score checked postures block by block.
 
     Args:
-        postures: shape (n, 32) [rad], from :func:`ergoqp.sheets.postures.read_postures`.
+        postures: shape (n, 32) [rad], from :func:`ergoqp.sheets.assessment.read_postures`.
         method: how the sheet is read.
         task: options of these postures.
 
@@ -248,7 +486,7 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         InputError: if an angle is beyond +-180 deg.
     """
     sheet, count = sheet_of(method), len(postures)
-    labels = [segment.label(side) for segment in sheet.segments.values() for side in segment.sides]
+    labels = [segment.label(side) for segment, side in sheet.places]
     scored: dict[str, Scores8] = {name: np.empty(count, dtype=np.int8) for name in labels}
     table_b: dict[str, Scores8] = {side: np.empty(count, dtype=np.int8) for side in SIDES}
     final, valid = np.empty(count, dtype=np.int64), np.empty(count, dtype=bool)
@@ -259,11 +497,8 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         options = task.rows(rows)
         block = score_segments(sheet, _as_read(method, angles), options)
         arms = {side: score_side(sheet, block, side) for side in SIDES}
-        worse = (
-            np.maximum(*arms.values())
-            if method.arms == "whole"
-            else score_worse_segments(sheet, block)
-        )
+        whole = method.arms == "whole"
+        worse = np.maximum(*arms.values()) if whole else score_worse_segments(sheet, block)
         table_a = look_up(sheet, "A", *(block[name] for name in sheet.tables["A"].axes))
         final[rows] = score_final(sheet, table_a, worse, options.points, method.final_max)
         for name, scores in block.items():

@@ -16,10 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, SIDES, UPPER
+from ergoqp.sheets.assessment import (
+    check_angles,
+    look_up,
+    read_postures,
+    score_final,
+    score_segments,
+    score_worse_segments,
+)
 from ergoqp.sheets.description import Sheet, load_description, read_sheet
-from ergoqp.sheets.look_up import look_up, score_final, score_segments, score_worse_segments
-from ergoqp.sheets.postures import check_angles, read_postures
-from ergoqp.sheets.task import read_task
+from ergoqp.sheets.options import read_task
 
 FINAL_MAX: Final = 12
 """Highest final score: that of table C."""

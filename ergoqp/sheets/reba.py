@@ -21,11 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
-from ergoqp.sheets.assessment import Assessment, assess_rows
-from ergoqp.sheets.look_up import look_up, score_final
-from ergoqp.sheets.options import Method, read_method, sheet_of
-from ergoqp.sheets.postures import read_postures
-from ergoqp.sheets.task import read_task, whole_numbers
+from ergoqp.sheets.assessment import Assessment, assess_rows, look_up, read_postures, score_final
+from ergoqp.sheets.options import Method, read_method, read_task, sheet_of, whole_numbers
 
 __all__ = ["ACTION_LEVELS", "Assessment", "Method", "Scores", "assess", "combine"]
 
@@ -135,21 +132,14 @@ def combine(
     try:
         arrays = dict(zip(names, np.broadcast_arrays(*checked), strict=True))
     except ValueError:
-        shapes = ", ".join(
-            f"{name} {array.shape}" for name, array in zip(names, checked, strict=True)
-        )
+        pairs = zip(names, checked, strict=True)
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in pairs)
         raise InputError(f"combine: got shapes {shapes}, allowed: shapes that broadcast") from None
     table_a = look_up(sheet, "A", *(arrays[name] for name in sheet.tables["A"].axes))
     table_b = look_up(sheet, "B", *(arrays[name] for name in sheet.tables["B"].axes))
     final = score_final(sheet, table_a, table_b, arrays, highest=15)
-    steps = (
-        table_a,
-        table_a + arrays["load"],
-        table_b,
-        table_b + arrays["coupling"],
-        final - arrays["activity"],
-        final,
-    )
+    score_a, score_b = table_a + arrays["load"], table_b + arrays["coupling"]
+    steps = (table_a, score_a, table_b, score_b, final - arrays["activity"], final)
     return Scores(*(step.astype(np.int64)[()] for step in steps))
 
 

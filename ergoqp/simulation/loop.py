@@ -8,14 +8,25 @@ from typing import Protocol
 
 import numpy as np
 
+from ergoqp.arguments import check_number, check_whole
 from ergoqp.joints import JOINTS, LOWER, UPPER
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
+from ergoqp.rest.person_protocol import LET_GO, Holding, Person, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.person import LET_GO, Holding, Person
-from ergoqp.simulation.people.senses import frames
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
+
+
+def check_numbers(problem: Problem, duration: float, seed: int) -> None:
+    """Check the numbers of a run before anything is computed.
+
+    Raises:
+        InputError: if the duration or the seed is out of range.
+    """
+    check_number("duration", duration, problem.dt, LONGEST, "s")
+    check_whole("seed", seed, 0)
+
 
 LONGEST = 3600.0
 """Longest run [s]."""
@@ -206,15 +217,3 @@ def settle_time(trace: Trace, still: float = 1.0) -> float:
     end = trace.time[-1]
     came = trace.time[moving[-1]] if moving.size else 0.0
     return came if end - came >= still else float("inf")
-
-
-def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
-    """Return the share of the power of the twist above a frequency [Hz].
-
-    Each axis is relative to its speed limit. At standstill the share is 0.
-    """
-    moving = speed > 0
-    spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2
-    total = spectrum.sum()
-    high = np.fft.rfftfreq(len(twists), dt) > frequency
-    return float(spectrum[high].sum() / total) if total > 0 else 0.0

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Final, Self
+from dataclasses import dataclass
+from typing import Annotated, Final, Self
 
 import numpy as np
 
-from ergoqp.arguments import check_number
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.way import between, turned
+from ergoqp.arguments import Range, check_parameters
+from ergoqp.problem.geometry import between, turned
+from ergoqp.problem.settings import DeclaredRobot
 
 _IDENTITY: Final = np.eye(3)
 _PART: Final = 0.002
@@ -48,20 +48,17 @@ class RobotKind:
         (10, 4, 4)
     """
 
-    delay: float = 0.0
-    lag: float = 0.0
-    gain: float = 1.0
-    pose_delay: float = 0.0
-    pose_noise: float = 0.0
-    pose_noise_deg: float = 0.0
-    speed_noise: float = 0.0
+    delay: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    lag: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    gain: Annotated[float, Range(0.0, 10.0)] = 1.0
+    pose_delay: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    pose_noise: Annotated[float, Range(0.0, 1.0, "m")] = 0.0
+    pose_noise_deg: Annotated[float, Range(0.0, 90.0, "deg")] = 0.0
+    speed_noise: Annotated[float, Range(0.0, 10.0)] = 0.0
 
     def __post_init__(self) -> None:
         """Check the values."""
-        largest = {"gain": 10.0, "pose_noise": 1.0, "pose_noise_deg": 90.0, "speed_noise": 10.0}
-        for entry in fields(self):
-            value, most = getattr(self, entry.name), largest.get(entry.name, 10.0)
-            check_number(f"robot {entry.name}", value, 0.0, most)
+        check_parameters(self, "robot ")
 
     @classmethod
     def of(cls, declared: DeclaredRobot, rng: np.random.Generator, share: float = 1.0) -> Self:

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.expressions.quaternions import pose_as_dict
-from ergoqp.files.whole import whole, write_json
+from ergoqp.expressions import pose_as_dict
+from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.seeking.tries import Try
+from ergoqp.seeking.next_place import Try
 from ergoqp.sheets.reba import Assessment
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Run:
             at the end.
         guide: the place that guided the control step, None without one.
         tries: the places that a loop with `seek` tried, and the scores that it measured there.
-        follower: kind of the person, one of `ergoqp.simulation.people.KINDS`.
+        follower: kind of the person, one of `ergoqp.simulation.people.kinds`.
         forces: forces of the object on the hands, at the contact frame, world-aligned, shape
             (n, 6) [N, N m]; not finite for people without mass.
         slips: number of times that a hand slipped on the object.
@@ -133,7 +133,7 @@ class Run:
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        with whole(folder / "run.npz") as scratch:
+        with atomic_write(folder / "run.npz") as scratch:
             np.savez_compressed(scratch, allow_pickle=False, **arrays_of(self))
         path = folder / "run.json"
         write_json(path, summary_of_run(self))
@@ -182,7 +182,7 @@ def summary_of_run(run: Run) -> dict[str, Any]:
         "person_outside": dict(run.person_outside),
         "person": run.body.as_dict(),
         "follower": run.follower,
-        "hand_force_n": _forces(run.forces),
+        "hand_force_n": hand_forces(run.forces),
         "slips": run.slips,
         "fell_s": _seconds(run.fell),
         "unbalanced_share": run.unbalanced,
@@ -192,6 +192,9 @@ def summary_of_run(run: Run) -> dict[str, Any]:
     }
 
 
+_PLAIN = ("time", "postures", "base_poses", "forces", "poses", "twists", "reba", "cost")
+
+
 def arrays_of(run: Run) -> dict[str, np.ndarray]:
     """Return the contents of ``run.npz``.
 
@@ -199,14 +202,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
     """
     names = sorted({name for active in run.active for name in active})
     return {
-        "time": run.time,
-        "postures": run.postures,
-        "base_poses": run.base_poses,
-        "forces": run.forces,
-        "poses": run.poses,
-        "twists": run.twists,
-        "reba": run.reba,
-        "cost": run.cost,
+        **{name: getattr(run, name) for name in _PLAIN},
         "step_time": run.step_time,
         "statuses": np.array(run.statuses, dtype=np.str_),
         "reasons": np.array(run.reasons, dtype=np.str_),
@@ -218,7 +214,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
     }
 
 
-def _forces(wrenches: np.ndarray) -> dict[str, float] | None:
+def hand_forces(wrenches: np.ndarray) -> dict[str, float] | None:
     """Return the size of the forces on the hands; None for people without mass."""
     forces = np.linalg.norm(wrenches[:, :3], axis=1)
     forces = forces[np.isfinite(forces)]

@@ -10,31 +10,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, sentences, shown
+from ergoqp.arguments import Progress, check_called, check_kind, check_number, check_word, sentences
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.progress import Progress
-from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.model_person import person_of
+from ergoqp.rest.person_protocol import (
+    Holding,
+    Person,
+    SensorModel,
+    read_observed,
+    read_posture,
+    stood_otherwise,
+)
 from ergoqp.seeking.seeker import Seeker
-from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture, stood_otherwise
+from ergoqp.simulation.description import about_person, about_robot, options_of
 from ergoqp.simulation.loop import (
+    check_numbers,
     in_world,
     outside_of_range,
     run_loop,
     settle_time,
     with_own_robot,
 )
-from ergoqp.simulation.options import options_of
-from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people import kinds, person_of_kind
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
-from ergoqp.step.guide.place import read_guide
+from ergoqp.step.guide import read_guide
 from ergoqp.step.stepper import Stepper
 
 _SOLVER = "daqp"
@@ -56,7 +60,7 @@ def simulate(
     guide: Any = None,
     seek: Sequence[Any] | None = None,
     robot: RobotKind | None = None,
-    senses: Senses | None = None,
+    senses: SensorModel | None = None,
 ) -> Run:
     """Run a closed loop of a problem with a simulated person unlike the controller's model.
 
@@ -67,7 +71,7 @@ def simulate(
         duration: duration of the loop [s].
         seed: seed of the person, of noise and of lost frames.
         person: who follows, or their body; None: drawn with the seed.
-        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`;
+        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.kinds`;
             None: ``"alike"``.
         observed: (32,) bool, False for joints that the controller does not see; None: all are
             seen.
@@ -77,7 +81,7 @@ def simulate(
         progress: called from time to time with the share that is done.
         guide: a better place, to which the object travels where descent comes to rest: the
             optimum of `ergoqp.optimise` or a pose (4, 4), see
-            `ergoqp.step.guide.place.read_guide`; None: descent only.
+            `ergoqp.step.guide.read_guide`; None: descent only.
         seek: places that the loop tries after descent; it keeps the one with the lowest
             measured score, see `ergoqp.Seeker`; None: no places are tried. It cannot be
             combined with a guide.
@@ -105,9 +109,8 @@ def simulate(
     none = type(None)
     for what, value, kind, allowed in (
         ("person", person, (Person, Body, none), "a Person, a Body or None"),
-        ("follower", follower, (str, none), f"one of {', '.join(KINDS)}, or None"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
-        ("senses", senses, (Senses, none), "Senses or None"),
+        ("senses", senses, (SensorModel, none), "SensorModel or None"),
         ("recording", recording, (str, Path, none), "the name of a recording or None"),
     ):
         check_kind(what, value, kind, allowed)
@@ -115,15 +118,10 @@ def simulate(
         check_number("start_time", start_time, -1e9, 1e9, "s")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
-    model = problem.response
-    if not isinstance(model, IkResponse):
-        raise InputError(
-            f"problem {problem.name}: got a response of type {type(model).__name__}, allowed"
-            " IkResponse"
-        )
+    model = person_of(problem)
     seen = read_observed(observed)
-    if follower is not None and follower not in KINDS:
-        raise InputError(f"follower: got {shown(follower)}, allowed one of {', '.join(KINDS)}")
+    if follower is not None:
+        check_word("follower", follower, kinds())
     if isinstance(posture, Holding):
         for what, value in (("person", person), ("follower", follower), ("senses", senses)):
             if value is not None:
@@ -143,7 +141,14 @@ def simulate(
     problem, robot = with_own_robot(in_world(problem), who, robot, seed)
     unmoved = start.copy()
     unmoved.rest(unmoved.pose)
-    checker = _Watched(problem, progress, round(duration / problem.dt))
+    checker, steps = Checker(problem), round(duration / problem.dt)
+
+    def tell(now: float, _: Holding) -> bool:
+        done = round(now / problem.dt)
+        if progress is not None and done % max(1, steps // 100) == 0:
+            progress(done / steps)
+        return False
+
     place = None if guide is None else read_guide(problem, guide)
     if seek is not None and place is not None:
         raise InputError("seek: got places beside a guide, allowed one of the two")
@@ -158,15 +163,12 @@ def simulate(
         observed=seen,
         checker=checker,
         robot=robot,
+        beside=tell,
     )
     postures = np.array(trace.postures)
     scores = problem.assess(postures).final
     settled = settle_time(trace)
-    unobserved = (
-        ()
-        if seen is None
-        else tuple(name for name, there in zip(JOINTS, seen, strict=True) if not there)
-    )
+    unobserved = () if seen is None else tuple(JOINTS[j] for j in np.flatnonzero(~seen))
     return Run(
         problem=problem.name,
         title=problem.title or problem.name,
@@ -211,19 +213,3 @@ def simulate(
         guide=place,
         tries=() if seeker is None else tuple(seeker.account),
     )
-
-
-class _Watched(Checker):
-    """A checker that also reports progress, because it is called at every step."""
-
-    def __init__(self, problem: Problem, progress: Progress | None, steps: int) -> None:
-        super().__init__(problem)
-        self._progress, self._steps, self._done = progress, steps, 0
-        self._every = max(1, steps // 100)
-
-    def check(self, *args: Any, **kwargs: Any) -> list[str]:
-        """Check one step, and report the progress of the loop."""
-        self._done += 1
-        if self._progress is not None and self._done % self._every == 0:
-            self._progress(self._done / self._steps)
-        return super().check(*args, **kwargs)

@@ -12,9 +12,8 @@ import casadi as ca
 import daqp
 import numpy as np
 
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver, shapes_of
 
 # The control step uses CasADi's plugin, which is compiled code like the rest of the step.
 _IN_STEP: Final = {"primal_tol": 1e-9, "dual_tol": 1e-10}
@@ -43,8 +42,8 @@ class Daqp(QpSolver):
         """Return the solver for `n` unknowns and `m` rows, without Python code."""
         qp = in_step(n, m, ITERATIONS)
         names = ["h", "g", "a", "lba", "uba", "lbx", "ubx"]
-        sizes = [(n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1)]
-        inputs = [ca.MX.sym(name, *size) for name, size in zip(names, sizes, strict=True)]
+        shapes = shapes_of(n, m)[0]
+        inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
         answer = qp(**dict(zip(names, inputs, strict=True)))
         return ca.Function("daqp", inputs, [answer["x"], answer["lam_a"], answer["lam_x"]])
 

@@ -12,10 +12,8 @@ import numpy as np
 import qpsolvers
 from scipy.sparse import csc_matrix
 
-from ergoqp.solvers.equalities import pattern_of
-from ergoqp.solvers.sequence import Array, Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Array, Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import Pattern, QpSolver
 
 
 class FromQpsolvers(QpSolver):
@@ -97,9 +95,9 @@ class _QpsolversWorkspace:
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; `warm` has no effect."""
-        pattern = pattern_of(qp)
+        pattern = Pattern(qp)
         # Bounds are written as rows, because not every solver accepts one-sided or infinite bounds.
-        equal, unequal = pattern.equalities(qp), pattern.inequalities(qp)
+        equal, unequal = pattern.equalities(), pattern.inequalities()
         problem = qpsolvers.Problem(
             self._matrix(qp.H), qp.g, *self._rows(unequal), *self._rows(equal)
         )

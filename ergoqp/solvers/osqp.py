@@ -7,10 +7,8 @@ from typing import Any, Final
 import numpy as np
 import osqp
 
-from ergoqp.solvers.patterns import GrowingPattern
-from ergoqp.solvers.sequence import Array, Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import GrowingPattern, QpSolver
 
 _SETTINGS: Final = {
     "verbose": False,
@@ -66,9 +64,9 @@ class _OsqpWorkspace:
         """Solve; `warm`: start from x, multipliers and step size of the last QP."""
         P, A = np.triu(qp.H), np.concatenate([qp.A, np.eye(self._n)])
         lower, upper = np.concatenate([qp.lbA, qp.lb]), np.concatenate([qp.ubA, qp.ub])
-        if not warm:
+        if not warm and not (self._P.holds_only(P) and self._A.holds_only(A)):
             # Nonzero entries of earlier QPs must not have an effect.
-            self._narrow(P, A)
+            self._forget()
         grown = [self._P.grow(P), self._A.grow(A)]
         if self._solver is None or any(grown):
             made = osqp.OSQP()
@@ -98,7 +96,3 @@ class _OsqpWorkspace:
     def _forget(self) -> None:
         self._P, self._A = GrowingPattern(), GrowingPattern()
         self._solver: Any = None
-
-    def _narrow(self, P: Array, A: Array) -> None:
-        if not (self._P.holds_only(P) and self._A.holds_only(A)):
-            self._forget()

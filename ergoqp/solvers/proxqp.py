@@ -7,10 +7,8 @@ from typing import Any, Final
 import numpy as np
 from proxsuite import proxqp
 
-from ergoqp.solvers.equalities import pattern_of
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
-from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import Pattern, QpSolver
 
 # On infeasible data it uses all allowed iterations. Feasible QPs took at most 19 outer iterations.
 _MOST_ITERATIONS: Final = 50
@@ -45,14 +43,12 @@ class _ProxqpWorkspace:
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; `warm`: start from x and multipliers of the last QP."""
-        pattern = pattern_of(qp)
-        C, d = pattern.equalities(qp)
+        pattern = Pattern(qp)
+        C, d = pattern.equalities()
         free = ~pattern.fixed_rows
         # The bounds of a fixed unknown would be a row without an interior, besides its equality.
-        low, high = (
-            np.where(pattern.fixed, -np.inf, qp.lb),
-            np.where(pattern.fixed, np.inf, qp.ub),
-        )
+        low = np.where(pattern.fixed, -np.inf, qp.lb)
+        high = np.where(pattern.fixed, np.inf, qp.ub)
         data = (qp.H, qp.g, C, d, qp.A[free], qp.lbA[free], qp.ubA[free], low, high)
         key = np.concatenate([pattern.fixed_rows, pattern.fixed]).tobytes()
         if self._solver is None or key != self._key or not warm:
@@ -73,26 +69,20 @@ class _ProxqpWorkspace:
         rows, box = np.zeros(self._m), np.zeros(self._n)
         count = int(pattern.fixed_rows.sum())
         rows[pattern.fixed_rows], box[pattern.fixed] = results.y[:count], results.y[count:]
-        rows[free], box[~pattern.fixed] = (
-            results.z[: int(free.sum())],
-            results.z[int(free.sum()) :][~pattern.fixed],
-        )
+        rows[free] = results.z[: int(free.sum())]
+        box[~pattern.fixed] = results.z[int(free.sum()) :][~pattern.fixed]
         return QpAnswer(np.array(results.x), rows, box, flag, results.info.iter)
 
     def _made(self, equalities: int, rows: int) -> Any:
         solver = proxqp.dense.QP(self._n, equalities, rows, True)
         settings = solver.settings
-        settings.eps_abs, settings.eps_rel, settings.max_iter = (
-            self._accuracy,
-            0.0,
-            _MOST_ITERATIONS,
-        )
+        settings.eps_abs = self._accuracy
+        settings.eps_rel = 0.0
+        settings.max_iter = _MOST_ITERATIONS
         settings.max_iter_in = _MOST_INNER
-        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = (
-            True,
-            self._accuracy,
-            0.0,
-        )
+        settings.check_duality_gap = True
+        settings.eps_duality_gap_abs = self._accuracy
+        settings.eps_duality_gap_rel = 0.0
         # A large slack penalty makes multipliers large. A looser test takes them for a certificate
         # of infeasibility.
         settings.eps_primal_inf = 1e-12

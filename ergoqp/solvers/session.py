@@ -1,21 +1,126 @@
-"""Numeric solvers that stay in memory, for sequences of QPs outside the control step.
+"""QPs as data, numeric solvers that stay in memory for sequences of them, and the check of answers.
 
 The comparison of solvers uses them.
+
+Check of a QP solver's answer in plain NumPy, independent of the status of the solver. Three
+residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity norm. A
+fourth checks the signs of the multipliers, which those three do not show.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError, in_words
-from ergoqp.solvers.sequence import PARTS, Array, Qp
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Qp:
+    """min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
+
+    Attributes:
+        H: symmetric (n, n), in the units of the QP.
+        g: (n,), in the units of the QP.
+        A: (m, n), in the units of the QP.
+        lbA: lower bounds of the rows (m,), -inf if there is none, in the units of the QP.
+        ubA: upper bounds of the rows (m,), inf if there is none, in the units of the QP.
+        lb: lower bounds of x (n,), in the units of the QP.
+        ub: upper bounds of x (n,), in the units of the QP.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers.session import Qp
+        >>> one = np.ones(1)
+        >>> qp = Qp(np.eye(1), -one, np.eye(1), 0 * one, 2 * one, -9 * one, 9 * one)
+        >>> qp.size, float(qp.value(one))
+        ((1, 1), -0.5)
+    """
+
+    H: Array
+    g: Array
+    A: Array
+    lbA: Array
+    ubA: Array
+    lb: Array
+    ub: Array
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of unknowns and of rows."""
+        return self.A.shape[1], self.A.shape[0]
+
+    def value(self, x: Array) -> float:
+        """Return the objective at `x` (n,)."""
+        return float(0.5 * x @ self.H @ x + self.g @ x)
+
+
+PARTS: tuple[str, ...] = tuple(field.name for field in fields(Qp))
+"""Names of the parts of a `Qp`, in the order that solvers use."""
+
+
+@dataclass(frozen=True, eq=False)
+class QpSequence:
+    """QPs of one size, in the order of recording.
+
+    Attributes:
+        name: source of the QPs, for example ``screwing.0``.
+        qps: the QPs.
+        feasible: whether the QPs have an answer, by construction or because a certified one is
+            known.
+        follows: whether each QP is close to the one before, so that a warm start makes sense.
+    """
+
+    name: str
+    qps: tuple[Qp, ...]
+    feasible: bool = True
+    follows: bool = True
+
+    def __post_init__(self) -> None:
+        """Check that all QPs have one size."""
+        sizes = {qp.size for qp in self.qps}
+        if len(sizes) != 1:
+            raise InputError(
+                f"sequence {self.name!r}: got QPs of {len(sizes)} sizes, allowed exactly one"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of QPs."""
+        return len(self.qps)
+
+    def __iter__(self) -> Iterator[Qp]:
+        """Iterate over the QPs in order."""
+        return iter(self.qps)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of unknowns and of rows."""
+        return self.qps[0].size
+
+    @property
+    def family(self) -> str:
+        """Kind of QPs: ``recorded``, or how they were derived.
+
+        It is the part of the name after a plus sign.
+        """
+        return self.name.partition("+")[2] or "recorded"
+
+    def thinned(self, count: int) -> QpSequence:
+        """Return at most `count` of the QPs: consecutive ones from the middle.
+
+        So each still follows the one before.
+        """
+        start = max(0, (len(self) - count) // 2)
+        return replace(self, qps=self.qps[start : start + count])
+
 
 FLAGS: Final = ("solved", "infeasible", "stopped", "failed", "not a number", "bounds cross")
 """Possible results of a solver.
@@ -28,7 +133,7 @@ where a number is needed, and a lower bound above the upper one.
 
 @dataclass(frozen=True, eq=False)
 class QpAnswer:
-    """Answer of a solver for one QP. Nothing in it has been checked; see `ergoqp.solvers.judge`.
+    """Answer of a solver for one QP. Nothing in it has been checked; see `ergoqp.solvers.session`.
 
     Attributes:
         x: the answer (n,), in the units of the QP; NaN if there is none.
@@ -182,3 +287,101 @@ def unusable(qp: Qp) -> str:
 def no_answer(n: int, m: int, flag: str, iterations: int | None = None) -> QpAnswer:
     """Return an answer without numbers."""
     return QpAnswer(np.full(n, np.nan), np.full(m, np.nan), np.full(n, np.nan), flag, iterations)
+
+
+TOLERANCES: Final = (1e-3, 1e-6, 1e-9)
+"""The tolerances of qpbenchmark: low, middle and high accuracy."""
+
+SHIFT: Final = 10e-6
+"""Shift of the geometric mean of times [s], about the time of the fastest solver.
+
+So no outlier dominates the mean.
+"""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of an answer.
+
+    Attributes:
+        primal: largest violation of rows and bounds.
+        dual: largest entry of H x + g + A' rows + box.
+        gap: difference of the primal and the dual objective.
+        sign: largest multiplier at the farther end of its row, or at an infinite end. If the
+            distance to that end is smaller than the multiplier, it is that distance, because
+            between almost equal ends either end may be active.
+    """
+
+    primal: float
+    dual: float
+    gap: float
+    sign: float
+
+    @property
+    def worst(self) -> float:
+        """The largest of the four; infinity if the answer has no numbers."""
+        return max(self.primal, self.dual, self.gap, self.sign)
+
+    def relative(self, qp: Qp) -> float:
+        """Return the largest of the four, with the dual ones relative to 1 + max |g|.
+
+        The control step uses the same scale.
+        """
+        scale = 1.0 + float(np.abs(qp.g).max())
+        return max(self.primal, self.dual / scale, self.gap / scale, self.sign / scale)
+
+
+NOTHING: Final = Residuals(np.inf, np.inf, np.inf, np.inf)
+
+
+def judge(qp: Qp, answer: QpAnswer) -> Residuals:
+    """Return the residuals of an answer.
+
+    Args:
+        qp: the QP.
+        answer: x (n,) and multipliers of rows (m,) and bounds (n,), in the units of the QP.
+
+    Source:
+        Caron and others, qpbenchmark, 2024: primal and dual residual and duality gap.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers.session import judge
+        >>> from ergoqp.solvers.session import Qp
+        >>> from ergoqp.solvers.session import QpAnswer
+        >>> one = np.ones(1)
+        >>> qp = Qp(one[:, None], -2 * one, one[:, None], -one, one, -5 * one, 5 * one)
+        >>> judge(qp, QpAnswer(one, one, 0 * one, "solved")).worst
+        0.0
+        >>> judge(qp, QpAnswer(2 * one, 0 * one, 0 * one, "solved")).primal
+        1.0
+    """
+    x, rows, box = answer.x, answer.rows, answer.box
+    if not (np.isfinite(x).all() and np.isfinite(rows).all() and np.isfinite(box).all()):
+        return NOTHING
+    value = np.concatenate([qp.A @ x, x])
+    least, most = np.concatenate([qp.lbA, qp.lb]), np.concatenate([qp.ubA, qp.ub])
+    multiplier = np.concatenate([rows, box])
+    below, above = value - least, most - value
+    primal = float(max(0.0, -below.min(), -above.min()))
+    dual = float(np.abs(qp.H @ x + qp.g + qp.A.T @ rows + box).max())
+    at_most = np.where(np.isfinite(most), most, 0.0) @ np.maximum(multiplier, 0.0)
+    at_least = np.where(np.isfinite(least), least, 0.0) @ np.minimum(multiplier, 0.0)
+    gap = float(abs(x @ qp.H @ x + qp.g @ x + at_most + at_least))
+    return Residuals(primal, dual, gap, _wrong_sign(multiplier, below, above))
+
+
+def _wrong_sign(multiplier: Array, below: Array, above: Array) -> float:
+    up = np.where(above > below, np.minimum(np.maximum(multiplier, 0.0), above), 0.0)
+    down = np.where(below > above, np.minimum(np.maximum(-multiplier, 0.0), below), 0.0)
+    return float(max(up.max(), down.max(), 0.0))
+
+
+def tidy(tolerance: float) -> str:
+    """Return a tolerance as in the names of figures, ``1e-6``."""
+    return np.format_float_scientific(tolerance, trim="-", exp_digits=1)
+
+
+def shifted_geometric_mean(seconds: Array, shift: float = SHIFT) -> float:
+    """Return exp(mean(log(t + shift))) - shift of times [s]."""
+    return float(np.exp(np.log(np.asarray(seconds) + shift).mean()) - shift)

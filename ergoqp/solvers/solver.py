@@ -1,17 +1,23 @@
-"""The interface of a QP solver, for the control step and for sequences of QPs outside it."""
+"""The interface of a QP solver, for the control step and for sequences of QPs outside it.
+
+Equal bounds as equalities, for solvers that need a feasible set with an interior. Other solvers
+need it because they lose multipliers between equal bounds.
+"""
 
 from __future__ import annotations
 
 import abc
+import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
 
-from ergoqp.solvers.sequence import Array, Qp
-from ergoqp.solvers.session import Session, Workspace
+from ergoqp.solvers.session import Array, Qp, Session, Workspace
 
 FREE: Final = 1e9
 """Stands for "no bound" in the step: large against all quantities there, but finite.
@@ -86,6 +92,14 @@ class QpSolver(abc.ABC):
         return _KEPT.setdefault((id(self), n, m), made).expression()
 
 
+Shapes = tuple[tuple[int, int], ...]
+
+
+def shapes_of(n: int, m: int) -> tuple[Shapes, Shapes]:
+    """Return the shapes of the inputs and outputs of a solver in the step."""
+    return ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1)), ((n, 1), (m, 1), (n, 1))
+
+
 def passing_on(call: Callable[[], object]) -> Callable[[], None]:
     """Return a call of a function with solvers in Python that passes on interrupts.
 
@@ -128,8 +142,7 @@ class NumericFunction(ca.Callback):
         """Register the function with CasADi."""
         ca.Callback.__init__(self)
         self._answer = answer
-        self._in = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1))
-        self._out = ((n, 1), (m, 1), (n, 1))
+        self._in, self._out = shapes_of(n, m)
         self.construct(name, {})
 
     def expression(self) -> ca.Function:
@@ -172,3 +185,125 @@ def numeric(parts: Sequence[ca.DM]) -> Qp:
 def _bound(values: Array) -> Array:
     values = values.ravel()
     return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))
+
+
+class Pattern:
+    """Which bounds of a QP are equal, and which are finite.
+
+    The shapes of a solver's data depend on it.
+
+    Attributes:
+        fixed_rows: rows whose bounds are equal (m,).
+        fixed: unknowns whose bounds are equal (n,).
+    """
+
+    def __init__(self, qp: Qp) -> None:
+        """Compare the bounds."""
+        self._qp, self._unit = qp, np.eye(len(qp.g))
+        self.fixed_rows, self.fixed = qp.lbA == qp.ubA, qp.lb == qp.ub
+        # Other rows and other unknowns that have an upper bound, or a lower one.
+        self._above = np.isfinite(qp.ubA) & ~self.fixed_rows
+        self._below = np.isfinite(qp.lbA) & ~self.fixed_rows
+        self._high, self._low = (np.isfinite(end) & ~self.fixed for end in (qp.ub, qp.lb))
+
+    def equalities(self) -> tuple[Array, Array]:
+        """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
+        qp = self._qp
+        matrix = np.concatenate([qp.A[self.fixed_rows], self._unit[self.fixed]])
+        return matrix, np.concatenate([qp.ubA[self.fixed_rows], qp.ub[self.fixed]])
+
+    def inequalities(self) -> tuple[Array, Array]:
+        """Return G and h of G x <= h: rows above, rows below, unknowns above, unknowns below."""
+        qp, above, below, high, low = self._qp, self._above, self._below, self._high, self._low
+        matrix = [qp.A[above], -qp.A[below], self._unit[high], -self._unit[low]]
+        bounds = [qp.ubA[above], -qp.lbA[below], qp.ub[high], -qp.lb[low]]
+        return np.concatenate(matrix), np.concatenate(bounds)
+
+    def multipliers(self, equal: Array, unequal: Array) -> tuple[Array, Array]:
+        """Return row and unknown multipliers from those of `equalities` and `inequalities`."""
+        rows, box = np.zeros(len(self.fixed_rows)), np.zeros(len(self.fixed))
+        count = int(self.fixed_rows.sum())
+        rows[self.fixed_rows], box[self.fixed] = equal[:count], equal[count:]
+        ends = np.cumsum([mask.sum() for mask in (self._above, self._below, self._high)])
+        above, below, high, low = np.split(unequal, ends)
+        rows[self._above] += above
+        rows[self._below] -= below
+        box[self._high] += high
+        box[self._low] -= low
+        return rows, box
+
+
+class GrowingPattern:
+    """The entries of a matrix that were ever nonzero; entries that are zero now are explicit zeros.
+
+    A full pattern would work too. But the rows of bounds are unit vectors and each slack has its
+    own column, and the time of most solvers grows with the number of entries.
+    """
+
+    def __init__(self) -> None:
+        """Start without entries."""
+        self._mask = np.zeros((0, 0), dtype=bool)
+
+    def grow(self, matrix: Array) -> bool:
+        """Add a matrix; return whether it has new entries or another shape."""
+        there = matrix != 0
+        if there.shape != self._mask.shape:
+            self._mask = there
+        elif (there & ~self._mask).any():
+            self._mask = there | self._mask
+        else:
+            return False
+        # Column by column, as CSC matrices are stored.
+        self._columns, self._rows = np.nonzero(self._mask.T)
+        self._ends = np.concatenate([[0], np.cumsum(self._mask.sum(axis=0))])
+        return True
+
+    def holds_only(self, matrix: Array) -> bool:
+        """Return whether the pattern is exactly that of this matrix."""
+        return np.array_equal(self._mask, matrix != 0)
+
+    def values(self, matrix: Array) -> Array:
+        """Return the entries of a matrix in the pattern, column by column."""
+        return matrix[self._rows, self._columns]
+
+    def csc(self, matrix: Array) -> sparse.csc_matrix:
+        """Return a matrix in the pattern."""
+        return sparse.csc_matrix((self.values(matrix), self._rows, self._ends), shape=matrix.shape)
+
+
+_LOCK: Final = threading.Lock()
+_THREADS: Final[set[int]] = set()
+
+
+class _Sieve:
+    """A stream that drops what the threads in `_THREADS` write."""
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        return len(text) if threading.get_ident() in _THREADS else self.stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+@contextmanager
+def suppress_stdout() -> Iterator[None]:
+    """Drop what this thread writes to `sys.stdout`; must not be nested.
+
+    CasADi prints the messages of its plugins there. The stream is replaced only while a thread uses
+    this. If another stream was set in the meantime, that one stays.
+    """
+    me = threading.get_ident()
+    with _LOCK:
+        _THREADS.add(me)
+        if not isinstance(sys.stdout, _Sieve):
+            sys.stdout = _Sieve(sys.stdout)
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _THREADS.discard(me)
+            if not _THREADS and isinstance(sys.stdout, _Sieve):
+                sys.stdout = sys.stdout.stream

@@ -1,25 +1,210 @@
-"""Certification: the wanted twist and its whole stop are checked, and shortened if necessary."""
+"""Certification: the margins of all rows, and whether the wanted twist and its stop keep them.
+
+The twist is shortened if necessary. All rows are computed at once, as vectors; curved rows go
+through functions of scalars: an interpreter computes a vector of forty numbers in the time of four
+scalars, and the few dozen scalar operations of a curved row in the time of one vector.
+
+A minimum drops NaN, so a limit whose margin is NaN would never be broken. The step detects NaN by
+comparisons that fail with it, and `amiss` then finds which terms it came from.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ctypes
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import by_name, dense, is_set, largest, smallest
-from ergoqp.limits import Situation
+from ergoqp.expressions import call_by_name, is_set, largest, marked, smallest
+from ergoqp.limits import Limit, LimitContext, Rows
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.stop import on_surface
+from ergoqp.limits.twist_and_stopping import on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.guide.trial import trial_update
-from ergoqp.step.model import StepModel
-from ergoqp.step.program.bounds import MOVES, bends, patience
-from ergoqp.step.program.margins import Margins, situations_of, smallest_margins
-from ergoqp.step.program.qp import TOLERANCE
-from ergoqp.step.rest import rest_update
+from ergoqp.step.model import PLACE, StepModel
+from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.rest import rest_update, trial_update
+from ergoqp.step.rows import MOVES, patience
+
+_HERE = ("posture", "observed", "readings", "pose")
+
+
+_LANDED = ("posture", "observed", "readings", "landed", "way", "shift")
+
+
+class Margins:
+    """The rows of all limits at the present pose, and their margins from the landing pose.
+
+    Attributes:
+        context: the context of all linear limits at the present pose.
+        matrices: rate of each quantity per twist, (m, 6) for each limit.
+        rates: largest allowed rate, (m,) for each limit; inf if there is none.
+        now: present margin of every row (r,).
+    """
+
+    def __init__(self, model: StepModel, signals: Mapping[str, ca.MX]) -> None:
+        """Compute the rows of all limits once.
+
+        Args:
+            model: model of the step.
+            signals: ``posture``, ``observed``, ``readings``, ``pose`` and ``S`` of this step; for
+                `ahead` also ``landed``, ``way`` and ``shift``.
+        """
+        self._model, self._signals = model, signals
+        self.context = model.context({name: signals[name] for name in _HERE}, signals["S"])
+        found = [
+            _margins_here(model, limit, self.context)
+            if _linear(limit)
+            else call_by_name(_curved_here(model, limit), signals)
+            for limit in model.problem.row_limits
+        ]
+        self.matrices = [each["matrix"] for each in found]
+        self.rates = [each["rate"] for each in found]
+        self.now = ca.vertcat(*(each["margins"] for each in found))
+
+    def ahead(self, ways: ca.MX) -> ca.MX:
+        """Return the smallest margin of each row (r,) on straight paths to further displacements.
+
+        See `Stop.ways`.
+        """
+        contexts = contexts_of(self._model, self._signals, self._signals["S"], ways)
+        found = []
+        for limit in self._model.problem.row_limits:
+            if _linear(limit):
+                found.append(smallest_margins(limit, contexts, ways))
+            else:
+                curved = _curved_ahead(self._model, limit, ways.shape[1])
+                found.append(call_by_name(curved, self._signals, ways=ways)["margins"])
+        return ca.vertcat(*found)
+
+
+def _linear(limit: Limit) -> bool:
+    """Return whether rows and margins accept matrices: see `ergoqp.limits.limit.Limit`."""
+    return getattr(limit, "linear", False)
+
+
+def _curved_here(model: StepModel, limit: Limit) -> ca.Function:
+    """``(*_HERE, S) -> (matrix, rate, present margins)`` of one limit."""
+    sx = model.symbols(_HERE)
+    context = model.context(sx, model.sparse(sx["S"]))
+    return sx.function("curved_here", _margins_here(model, limit, context))
+
+
+def _margins_here(model: StepModel, limit: Limit, context: LimitContext) -> dict[str, Expression]:
+    """Return matrix, rate and present margins of one limit."""
+    rows = limit.rows(context)
+    straight = ca.fmin(rows.to_lower, rows.to_upper)
+    margins = straight if _linear(limit) else limit.margins(context, ca.SX(6, 1))
+    margins = with_nan(model, limit, rows, margins)
+    return {"matrix": rows.matrix, "rate": rows.rate, "margins": margins}
+
+
+def with_nan(model: StepModel, limit: Limit, rows: Rows, margins: Expression) -> Expression:
+    """Return margins (m,) that are NaN where any number of a watched row is."""
+    if limit.names[0] not in model.watched:
+        return margins
+    ends = (rows.to_lower, rows.to_upper, rows.rate, rows.curvature_margin)
+    return marked(margins, *ends, *ca.horzsplit(rows.matrix))
+
+
+def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
+    """``(*_LANDED, S, ways) -> margins`` of one limit; ways are (6, count)."""
+    sx = model.symbols(_LANDED)
+    ways = sx.inputs["ways"] = ca.SX.sym("ways", 6, count)
+    contexts = contexts_of(model, sx, model.sparse(sx["S"]), ways)
+    return sx.function("curved_ahead", {"margins": smallest_margins(limit, contexts, ways)})
+
+
+def contexts_of(
+    model: StepModel, signals: Mapping[str, Expression], S: Expression, ways: Expression
+) -> tuple[LimitContext, ...]:
+    """Return the context for each of `Stop.ways`.
+
+    A robot that holds does so either with what is under way, or with the twist.
+    """
+    law, there = model.problem.stop, {name: signals[name] for name in _LANDED}
+    found = [model.context(there, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    if law.average:
+        found = [
+            replace(context, overshoot=ways[:, -2], overshoot_bound=ways[:, -1])
+            for context in found
+        ]
+    return tuple(found)
+
+
+def smallest_margins(
+    limit: Limit, contexts: tuple[LimitContext, ...], ways: Expression
+) -> Expression:
+    """Return the smallest margins (m,) of a limit on `Stop.ways`.
+
+    The hold of a robot counts for hard limits only.
+    """
+    margins = None
+    for column, context in enumerate(contexts if limit.hard else contexts[:1]):
+        on = limit.margins(context, ways[:, column])
+        margins = on if margins is None else marked(ca.fmin(margins, on), margins, on)
+    return margins
+
+
+AHEAD: Final = "a value on the way ahead"
+
+
+PARTS: Final = (
+    ("response", "a sensitivity"),
+    ("response", "contact motion that cannot be followed"),
+    ("cost", "a value"),
+    ("cost", "a slope"),
+    ("cost", AHEAD),
+)
+"""What the first entries of the output ``amiss`` stand for; one for each row of the limits follows.
+
+An entry is 1 if that part is NaN or, except in a row, infinite.
+"""
+
+
+_FINITE: Final = ("S", "E", "total", "gradient", "gain")
+"""What each of `PARTS` is called in the step."""
+
+
+def amiss(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
+    """Return ``amiss``, see `PARTS`, and whether the answer is ``unusable`` because of it.
+
+    Args:
+        model: model of the step.
+        signals: what the step knows after its certification.
+    """
+    find = _amiss_function(model)
+    none = ca.Function("none", find.mx_in(), [ca.MX(ca.DM.zeros(find.numel_out(0))), ca.MX(0)])
+    choose = ca.Function.if_else("none_or_amiss", none, find)
+    fine = ca.logic_and(signals["whole"], signals["solved"])
+    flags, unusable = choose.call([fine, *(signals[name] for name in find.name_in())])
+    return {"amiss": flags, "unusable": unusable}
+
+
+def _amiss_function(model: StepModel) -> ca.Function:
+    mx = model.symbols(kind=ca.MX)
+    sums = ca.vertcat(*(ca.sumsqr(mx[name]) for name in _FINITE))
+    rows = [mx["now"], mx["ahead"]]
+    if model.watched:
+        landed = _landed_rows(model)
+        rows.append(landed(*(mx[name] for name in landed.name_in())))
+    squares: Expression = sum(row**2 for row in rows)
+    flags = ca.logic_not(ca.vertcat(sums < ca.inf, squares <= ca.inf))
+    return mx.function("amiss", {"amiss": flags, "unusable": ca.mmax(flags)})
+
+
+def _landed_rows(model: StepModel) -> ca.Function:
+    """Return the function for rows (r,) at the landing pose: NaN where a watched one is, or 0."""
+    sx = model.symbols((*PLACE, "shift", "S"))
+    brake = model.problem.stop.braking(sx["previous"], sx["dt"])
+    context = model.context(sx, model.sparse(sx["S"]), brake)
+    zeros = ((limit, ca.SX.zeros(len(limit.names))) for limit in model.problem.row_limits)
+    rows = [with_nan(model, limit, limit.rows(context), margins) for limit, margins in zeros]
+    return ca.Function("landed_rows", list(sx.values()), [ca.vertcat(*rows)], list(sx), ["rows"])
+
 
 HELD: Final = 1e-12
 """Rounding error of a margin; far below what could add up over a day of steps [m, rad]."""
@@ -38,33 +223,11 @@ GIVES_WAY: Final = 1e-3
 
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
-_JUDGED: Final = (
-    "posture",
-    "observed",
-    "readings",
-    "pose",
-    "landed",
-    "way",
-    "shift",
-    "previous",
-    "dt",
-    "away",
-    "doubted",
-    "gain",
-    "total",
-    "xi",
-    "S",
-    "residual",
-    "usable",
-    "rest",
-)
-_JOURNEY: Final = ("promise", "value", "trial", "distance", "on")
-
 
 def judge_function(model: StepModel) -> ca.Function:
     """Return what the object should do by this answer, and whether this is certified unchanged.
 
-    With a guide, the trial of the place is updated too, see `ergoqp.step.guide.pull`.
+    With a guide, the trial of the place is updated too, see `ergoqp.step.guide`.
 
     Returns:
         Function ``(...) -> (wanted, brake, now, ahead, solved, outside, next_rest, whole,
@@ -73,27 +236,25 @@ def judge_function(model: StepModel) -> ca.Function:
         whether the wanted twist holds, and with a guide the next trial.
     """
     problem = model.problem
-    known = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
-    margins = Margins(model, known)
+    signals = model.symbols(kind=ca.MX)
+    margins = Margins(model, signals)
     now, count = margins.now, len(problem.row_names)
-    away = ca.fmax(known["away"][:count], known["away"][count:]) > 0
+    away = ca.fmax(signals["away"][:count], signals["away"][count:]) > 0
     if problem.surface is not None:
         # A surface has no ends. A distance from it counts as outside.
-        on = ca.DM(
-            [float(limit is problem.surface) for limit in problem.row_limits for _ in limit.names]
-        )
+        limits = (limit for limit in problem.row_limits for _ in limit.names)
+        on = ca.DM([float(limit is problem.surface) for limit in limits])
         away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
     outside = ca.logic_and(away, _moves(problem, margins))
-    found = by_name(_decide_function(model), known | {"must_move": largest(outside)})
+    found = call_by_name(_decide_function(model), signals, must_move=largest(outside))
     ways = found.pop("ways")
     ahead = margins.ahead(ways)
     found |= {"now": now, "ahead": ahead, "outside": outside}
     # A comparison with NaN fails, but a minimum would drop it.
-    found["whole"] = is_set(smallest(ahead >= _floor(model, now - known["doubted"]), 1.0))
+    found["whole"] = is_set(smallest(ahead >= _floor(model, now - signals["doubted"]), 1.0))
     if watched := model.watched_rows:
         found["whole"] = ca.logic_and(found["whole"], ca.sumsqr(now[watched]) <= ca.inf)
-    outputs = [ca.densify(part) for part in found.values()]
-    return ca.Function("judge", list(known.values()), outputs, list(known), list(found))
+    return signals.function("judge", found)
 
 
 def _decide_function(model: StepModel) -> ca.Function:
@@ -102,11 +263,10 @@ def _decide_function(model: StepModel) -> ca.Function:
     Both can be sent as they are. The stop of the first one, the rest and the trial are returned
     too.
     """
-    problem, guided = model.problem, model.guided
-    sx = model.symbols((*_JUDGED, "must_move", *(_JOURNEY if guided else ())))
+    problem, sx = model.problem, model.symbols(_LANDED)
     dt, stop = sx["dt"], problem.stop
-    situation = model.situation(sx, model.sparse(sx["S"]))
-    brake = on_surface(stop.braking(sx["previous"], dt), situation, sx["usable"])
+    context = model.context(sx, model.sparse(sx["S"]))
+    brake = on_surface(stop.braking(sx["previous"], dt), context, sx["usable"])
     # A cost of NaN or infinity does not reach the QP, but rest and the guide would keep it.
     finite = sx["total"] ** 2 + sx["gain"] ** 2 < ca.inf
     solved = ca.logic_and(sx["residual"] < TOLERANCE, finite)
@@ -115,56 +275,33 @@ def _decide_function(model: StepModel) -> ca.Function:
         problem.control, sx["rest"], sx["gain"], sx["total"], sx["must_move"], dt, counts
     )
     trial = {}
-    if guided:
-        journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["value"])
-        next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
+    if model.guided:
+        journey = (sx[name] for name in ("landed", "distance", "on", "promise", "value"))
+        next_trial, rest = trial_update(
+            problem.control, sx["trial"], rest, *journey, dt=dt, counts=counts
+        )
         trial = {"next_trial": next_trial}
     wanted = ca.if_else(
         ca.logic_and(is_set(rest[0]), ca.logic_not(sx["must_move"])), brake.twist, sx["xi"]
     )
     # The answer of a failed QP may be NaN, so it is replaced here. With no time left, only braking
     # remains.
-    in_time = patience(problem.row_limits, situation, sx["previous"], dt, stop) > 0
+    in_time = patience(problem.row_limits, context, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (
-        _kept(problem, situation, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
+        _kept(problem, context, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
     )
-    found = {
-        "wanted": wanted,
-        "brake": slowest,
-        "ways": stop.ways(wanted, dt),
-        "solved": solved,
-        "next_rest": rest,
-        **trial,
-    }
-    outputs = ca.cse(dense(list(found.values())))
-    return ca.Function("decide", list(sx.values()), outputs, list(sx), list(found))
+    found = {"wanted": wanted, "brake": slowest, "ways": stop.ways(wanted, dt)}
+    return sx.function("decide", found | {"solved": solved, "next_rest": rest, **trial})
 
 
-_SHORTENED: Final = (
-    "posture",
-    "observed",
-    "readings",
-    "landed",
-    "way",
-    "shift",
-    "dt",
-    "S",
-    "wanted",
-    "brake",
-    "now",
-    "doubted",
-)
-
-
-def shortened(model: StepModel, known: Mapping[str, ca.MX]) -> ca.MX:
+def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     """Return the shares (6,) of `_shorten_function`; all are one if the ``whole`` way holds."""
     shorten = _shorten_function(model)
     all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     choose = ca.Function.if_else("shorten_or_not", shorten, all_of_it)
-    return choose(
-        model.if_needed(ca.logic_not(known["whole"])), *(known[name] for name in shorten.name_in())
-    )
+    needed = model.if_needed(ca.logic_not(signals["whole"]))
+    return choose(needed, *(signals[name] for name in shorten.name_in()))
 
 
 def _shorten_function(model: StepModel) -> ca.Function:
@@ -177,9 +314,9 @@ def _shorten_function(model: StepModel) -> ca.Function:
     workspace. What held before must hold through the stop. What did not hold must not get worse. No
     more is required than braking achieves.
     """
-    problem, sx = model.problem, model.symbols(_SHORTENED)
+    problem, sx = model.problem, model.symbols(_LANDED)
     S = model.sparse(sx["S"])
-    situation = model.situation(sx, S)
+    context = model.context(sx, S)
     at_braking = _margins(model, sx, S, sx["brake"], sx["dt"])
     floor = _floor(model, sx["now"] - sx["doubted"], at_braking)
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
@@ -188,18 +325,15 @@ def _shorten_function(model: StepModel) -> ca.Function:
         candidates += [candidate * part for candidate in _SHARES[::2] for part in (shift, turn)]
     shares = ca.SX(6, 1)
     for candidate in reversed(candidates):
-        twist = _kept(
-            problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
-        )
+        shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
+        twist = _kept(problem, context, shorter, sx["dt"])
         holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
-    return ca.Function(
-        "shorten", list(sx.values()), ca.cse([ca.densify(shares)]), list(sx), ["share"]
-    )
+    return sx.function("shorten", {"share": shares})
 
 
 def _kept(
-    problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX, known: ca.SX | float = 1.0
+    problem: Problem, context: LimitContext, twist: ca.SX, dt: ca.SX, signals: ca.SX | float = 1.0
 ) -> ca.SX:
     """Return the twist that leads to the surface on which the state stays, see `on_surface`.
 
@@ -207,16 +341,15 @@ def _kept(
     """
     if problem.surface is None:
         return twist
-    return problem.surface.retract(
-        situation.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * known
-    )
+    acceleration = ca.DM(problem.twist_limit.acceleration) * signals
+    return problem.surface.retract(context.posture, twist, dt, acceleration)
 
 
 def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Return the smallest margins of all rows during a period at `twist` and the stop after it."""
     ways = model.problem.stop.ways(twist, dt)
-    situations, limits = situations_of(model, sx, S, ways), model.problem.row_limits
-    return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in limits))
+    contexts, limits = contexts_of(model, sx, S, ways), model.problem.row_limits
+    return ca.vertcat(*(smallest_margins(limit, contexts, ways) for limit in limits))
 
 
 def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> Expression:
@@ -235,16 +368,17 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     which never moves it further out.
     """
     problem = model.problem
-    hard, proven = (ca.DM(model.values(name)) for name in ("hard", "proven"))
+    hard, margin_is_lower_bound = (
+        ca.DM(model.values(name)) for name in ("hard", "margin_is_lower_bound")
+    )
     braked = now if at_braking is None else at_braking
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
     held = ca.fmin(now, 0)
-    capped = (bends(problem.row_limits) > 0) & (problem.average > _LONG)
-    inherits = ca.DM(
-        np.where(capped, _INHERITS + 3 * float(np.linalg.norm(problem.robot.noise[3:])), FREE)
-    )
-    hard_floor = held + (1 - proven) * ca.fmin(braked - held, 0)
+    capped = (model.values("curvature") > 0) & (problem.average > _LONG)
+    noise = float(np.linalg.norm(problem.robot.noise[3:]))
+    inherits = ca.DM(np.where(capped, _INHERITS + 3 * noise, FREE))
+    hard_floor = held + (1 - margin_is_lower_bound) * ca.fmin(braked - held, 0)
     hard_floor = ca.fmax(hard_floor, ca.if_else(now < -inherits, -FREE, -inherits)) - HELD
     return ca.if_else(hard, hard_floor, soft_floor)
 
@@ -253,3 +387,45 @@ def _moves(problem: Problem, margins: Margins) -> ca.MX:
     """Return whether some twist that the object can do moves each row."""
     free = ca.DM(problem.twist_limit.speed > 0)
     return ca.vertcat(*(ca.fabs(matrix) @ free > MOVES for matrix in margins.matrices))
+
+
+_SOURCE = """#include "stop.h"
+int ergoqp_stop(const double* history, int planned, int sent, double average, double dt,
+                const double* acceleration, double (*twists)[6], int most) {
+    return ergoqp_stop_twists(history, planned, sent, average, dt, acceleration, twists, most);
+}
+"""
+
+
+def longest_stop(model: StepModel) -> int:
+    """Return the largest number of twists of a stop, the last one zero."""
+    problem = model.problem
+    return int(np.floor(problem.stop.duration / problem.dt * (1 + 1e-9))) + 2
+
+
+def stop_function(model: StepModel) -> Callable[[np.ndarray], np.ndarray]:
+    """Return ``state (n,) -> twists (k, 6)`` [m/s, rad/s], one per period of the problem.
+
+    They are those of braking period by period, up to rounding. The problem must have no surface.
+
+    Raises:
+        CompilerError: if there is no C compiler, or it fails.
+    """
+    from ergoqp.native.compiled import c_text, shared_library
+
+    library = shared_library("stop", {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}, [], [])
+    call = ctypes.CDLL(str(library)).ergoqp_stop
+    call.restype, numbers = ctypes.c_int, ctypes.POINTER(ctypes.c_double)
+    call.argtypes = [numbers, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]
+    call.argtypes += [numbers, numbers, ctypes.c_int]
+    problem, history, most = model.problem, model.history, longest_stop(model)
+    acceleration = np.array(problem.twist_limit.acceleration, dtype=float)
+    limits = acceleration.ctypes.data_as(numbers)
+    fixed = (history.planned, history.sent, problem.average, problem.dt, limits)
+
+    def stop(state: np.ndarray) -> np.ndarray:
+        twists = np.empty((most, 6))
+        given, found = (array.ctypes.data_as(numbers) for array in (state, twists))
+        return twists[: call(given, *fixed, found, most)]
+
+    return stop

@@ -18,9 +18,9 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import dense
+from ergoqp.expressions import dense
 from ergoqp.problem.problem import Problem
-from ergoqp.step.packing import Sizes
+from ergoqp.step.layout import Sizes
 
 PERIOD: Final = 0.2
 """Time between two comparisons [s]."""
@@ -72,31 +72,33 @@ def bounds(problem: Problem) -> tuple[float, float]:
     return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
 
 
-def compared_frames(problem: Problem, known: Mapping[str, ca.MX]) -> ca.MX:
+def compared_frames(problem: Problem, signals: Mapping[str, ca.MX]) -> ca.MX:
     """Return the next `FRAMES`, as one vector.
 
     Args:
         problem: the task, of a person.
-        known: ``posture``, ``observed`` (32,), ``pose`` (4, 4), ``frames``: the block before,
+        signals: ``posture``, ``observed`` (32,), ``pose`` (4, 4), ``frames``: the block before,
             ``period`` [s], and ``compares``: whether posture and pose can be compared now.
     """
     names = ("posture", "observed", "pose", "frames", "period")
-    inputs = [ca.MX.sym(name, known[name].sparsity()) for name in names]
+    inputs = [ca.MX.sym(name, signals[name].sparsity()) for name in names]
     posture, observed, pose, block, period = inputs
     contact = problem.response.contact()
     difference = _difference(problem)
     apart = difference(pose, contact(posture)[0])
-    explained = ca.Function.if_else("explained", _explained(problem), _near())
+    near = [ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)]
+    fine = ca.Function("near", near, [ca.MX(ca.DM([1, 1]))])
+    explained = ca.Function.if_else("explained", _explained(problem), fine)
     looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
     judged = _judged(problem)(block, apart, explained(looks, posture, apart))
     # Joints that are not seen are as in comfort here, which shows nothing.
-    needed = _needed(contact)
+    needed = sorted(set(contact.jac_sparsity(0, 0).get_triplet()[1]))
     seen = ca.mmin(observed[needed]) > 0.5 if needed else ca.MX(1)
     after = ca.if_else(seen, judged, block)
     compare = ca.Function("compare", inputs, [ca.vertcat(PERIOD - period, after[1:])])
     wait = ca.Function("wait", inputs, [ca.vertcat(block[0] - period, block[1:])])
     choose = ca.Function.if_else("compare_or_wait", compare, wait)
-    return choose(known["compares"], *(known[name] for name in names))
+    return choose(signals["compares"], *(signals[name] for name in names))
 
 
 def frames_sentence(problem: Problem, parts: np.ndarray) -> str:
@@ -157,11 +159,6 @@ def _explained(problem: Problem) -> ca.Function:
     return ca.Function("looked_into", [posture, apart], [ca.vertcat(*parts)])
 
 
-def _near() -> ca.Function:
-    posture, apart = ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)
-    return ca.Function("near", [posture, apart], [ca.MX(ca.DM([1, 1]))])
-
-
 def _judged(problem: Problem) -> ca.Function:
     """Return ``(block, apart, explained) -> next block``."""
     block, apart, explained = ca.SX.sym("b", 6), ca.SX.sym("apart", 6), ca.SX.sym("explained", 2)
@@ -189,9 +186,3 @@ def _judged(problem: Problem) -> ca.Function:
         angle,
     )
     return ca.Function("judged", [block, apart, explained], dense([after]))
-
-
-def _needed(contact: ca.Function) -> list[int]:
-    """Return the numbers of the joints that the contact depends on."""
-    pattern = contact.jac_sparsity(0, 0)
-    return sorted(set(pattern.get_triplet()[1]))

@@ -1,38 +1,254 @@
-"""The control step as one pure CasADi function.
+"""The control step as one pure CasADi function: inputs, state, and all parts.
 
-Inputs are posture, pose and state. Outputs are a certified twist and its account.
+Inputs are posture, pose and state; they are checked before anything is computed. Outputs are a
+certified twist and its account. The state that one step hands to the next is one vector, and the
+same inputs and the same state always give the same answers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, Final
 
 import casadi as ca
+import numpy as np
 
-from ergoqp.arguments import check_kind, flag, shown
+from ergoqp.arguments import check_kind, flag, of_package, read_array, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
-from ergoqp.native.compiled import compiled as machine_code
+from ergoqp.expressions import (
+    Shape,
+    call_by_name,
+    exp_rotation,
+    is_rigid,
+    is_set,
+    normalised,
+    once,
+    scalars,
+    vectors,
+)
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver, solver_named
-from ergoqp.step.answer.accounting import account_function
-from ergoqp.step.answer.amiss import amiss
-from ergoqp.step.answer.causes import Cause
-from ergoqp.step.certification import judge_function, shortened
-from ergoqp.step.frames_check import FRAMES, compared_frames
-from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
-from ergoqp.step.inputs import INPUTS, OUTPUTS, read_inputs
-from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count, joined, split
-from ergoqp.step.program.asked_back import asked_update, still_asks
-from ergoqp.step.program.data import away_function
-from ergoqp.step.program.locking import solve_passes
-from ergoqp.step.program.objective import cost_function, gain_function
+from ergoqp.step.answer import account_function
+from ergoqp.step.causes import Cause
+from ergoqp.step.certification import amiss, judge_function, shortened
+from ergoqp.step.delay import landing, next_history, under_way
+from ergoqp.step.faults import taken_over, watch
+from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
+from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
+from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
+from ergoqp.step.model import StepModel, callers
+from ergoqp.step.objective import cost_function, gain_function
+from ergoqp.step.qp import away_function, solve_passes
 from ergoqp.step.rest import stalled
-from ergoqp.step.robot_watch.watch import watch
-from ergoqp.step.spare import callers
-from ergoqp.step.under_way.landing import landing
-from ergoqp.step.under_way.motion import UnderWay, next_history, under_way
+from ergoqp.step.rows import update_recovery_timer
+
+
+def initial_state(problem: Problem, twist: Any = None, *, guided: bool = False) -> np.ndarray:
+    """Return the state (n,) at the start of a loop: the input ``state`` of `step_function`.
+
+    The state is all that a step leaves to the next: the twists of the last periods with their ages,
+    the pose and what of the motion is still under way, the last posture, whether the loop is on
+    hold, the state of rest, the comparison of the robot with what it was sent, the time for which
+    the posture has asked the object back, and what was learned about the guide. The order of the
+    entries may change from version to version.
+
+    Args:
+        problem: the task.
+        twist: twist (6,) with which the object moves already [m/s, rad/s], clipped to the speed
+            limits. None: the object stands still.
+        guided: whether the state is that of a step with a guide.
+
+    Returns:
+        The entries (n,), in the units of the step: metres, radians, seconds.
+
+    Raises:
+        InputError: if `problem` is not a Problem, `twist` is not six finite numbers, or `guided` is
+            not a bool.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> state = ergoqp.initial_state(problem)
+        >>> state.shape == ergoqp.step_function(problem).size_in("state")[:1]
+        True
+    """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+    return state_at_start(StepModel(problem, flag("guided", guided)), twist)
+
+
+def state_at_start(model: StepModel, twist: Any = None) -> np.ndarray:
+    """Return the initial state of a step, see `initial_state`."""
+    if twist is not None:
+        speed = model.problem.twist_limit.speed
+        twist = np.clip(read_array("twist", twist, (6,), "6 finite numbers"), -speed, speed)
+    parts = {name: np.zeros(size) for name, size in model.state.items()}
+    history = initial_history(model.history, np.zeros(6) if twist is None else twist)
+    parts["history"] = np.concatenate([part.ravel(order="F") for part in history.values()])
+    if twist is not None:
+        for name, block in taken_over(model, twist).items():
+            parts[name] = block[:, None]
+    return np.concatenate([part.ravel(order="F") for part in parts.values()])
+
+
+INPUTS: Final = (
+    "posture",
+    "observed",
+    "pose",
+    "has_pose",
+    "executed",
+    "has_twist",
+    "dt",
+    "age",
+    "frame",
+    "enable",
+    "ask",
+    "state",
+)
+
+OUTPUTS: Final = (
+    "twist",
+    "pose_used",
+    "next_state",
+    "posture_rate",
+    "status",
+    "causes",
+    "fault",
+    "frames",
+    "cost",
+    "gain",
+    "margins",
+    "slack",
+    "multipliers",
+    "locked",
+    "outside",
+    "residuals",
+    "astray",
+    "amiss",
+)
+
+
+def read_inputs(
+    model: StepModel, given: Mapping[str, ca.MX], found: Mapping[str, ca.MX], shape: Shape
+) -> dict[str, ca.MX]:
+    """Check every input, and replace unusable ones by what was known before.
+
+    So no NaN goes further.
+
+    Args:
+        model: model of the step.
+        given: `INPUTS` as they came, and the parts of the state.
+        found: the motion under way.
+        shape: how functions are written, see `ergoqp.expressions`.
+
+    Returns:
+        The usable numbers for the step: ``posture``; ``pose`` as measured, or as far as it is
+        known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
+        ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
+        ``told``; whether posture and pose can be compared (``compares``); whether the object has to
+        ``stop``; ``causes`` why the step can only brake, by `Cause`; and everything else that was
+        given.
+    """
+    seen = is_set(given["observed"])
+    last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
+    usable = ca.logic_and(seen, ca.fabs(last) <= model.problem.response.largest)
+    posture = ca.if_else(usable, last, model.stand_in)
+    # Every entry is unseen or plausible.
+    posture_ok = ca.sum1(usable - seen) > -0.5
+    signals = {**given, **found, "dt": found["period"], "posture_ok": posture_ok}
+    read = call_by_name(shape(_read_function(model)), signals, written=True)
+    pose = _pose(model, given, read["measured"], read["moved"], posture)
+    signals |= read | {"posture": posture, "pose": pose}
+    if not of_package(model.problem.response):
+        # Without a usable contact frame the pose stays unknown, see `_pose`.
+        placed = pose[3, 3]
+        signals["next_started"] *= placed
+        signals["causes"] += 2.0**Cause.term * (1 - placed)
+    if model.problem.robot.owes:
+        # When the object was measured last, any share of the motion under way may have been done
+        # already. It is integrated as if none was.
+        signals["doubt"] = ca.if_else(read["measured"], 0, given["unsure"])
+    return signals
+
+
+def _read_function(model: StepModel) -> ca.Function:
+    """Check all inputs except the posture.
+
+    Returns:
+        Function that gives ``moved``, the displacement of the last period as far as it is known,
+        and the other results of `read_inputs`.
+    """
+    problem = model.problem
+    raw = model.symbols()
+    has_pose, has_twist, started, frame = (
+        is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
+    )
+    pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
+    age_ok, fresh = raw["age"] >= -CLOCK_ROUNDING, raw["age"] <= problem.control.max_age
+    measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
+
+    # What was sent is integrated, and never the noisy report: see `ergoqp.step.faults`.
+    moved = raw["sent"] * raw["lasted"] + raw["changed"]
+    anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
+    unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
+    disabled = ca.logic_or(ca.logic_not(is_set(raw["enable"])), is_set(raw["on_hold"]))
+    bad = {
+        Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),
+        Cause.pose: ca.logic_and(has_pose, ca.logic_not(pose_ok)),
+        Cause.twist: ca.logic_and(has_twist, ca.logic_not(twist_ok)),
+        Cause.dt: ca.logic_not(raw["dt_ok"]),
+        Cause.age: ca.logic_not(age_ok),
+        Cause.disabled: disabled,
+        Cause.no_frame: ca.logic_not(frame),
+        Cause.too_old: ca.logic_and(age_ok, ca.logic_not(fresh)),
+        Cause.unmeasured: unmeasured,
+        Cause.asked: is_set(raw["ask"]),
+        Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
+        Cause.short_periods: ca.logic_not(raw["fits"]),
+    }
+    if model.compares:
+        bad[Cause.frames] = split(FRAMES, raw["frames"])["beyond"] >= BEYOND
+    causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
+    outputs = {
+        "moved": moved,
+        "next_started": ca.logic_or(started, anchors),
+        "measured": measured,
+        "told": told,
+        "stop": ca.logic_or(disabled, unmeasured),
+        "causes": causes,
+    }
+    if model.compares:
+        sees = ca.logic_and(ca.logic_and(frame, raw["posture_ok"]), fresh)
+        waited = split(FRAMES, raw["frames"])["wait"] <= 1e-9
+        outputs["compares"] = ca.logic_and(ca.logic_and(measured, sees), waited)
+    return raw.function("read", outputs)
+
+
+def _pose(
+    model: StepModel, given: Mapping[str, ca.MX], measured: ca.MX, moved: ca.MX, posture: ca.MX
+) -> ca.MX:
+    """Return the measured pose, or the last one moved on.
+
+    At the first step it is the contact frame of the posture.
+    """
+    sx = ca.SX.sym("stored", 4, 4), ca.SX.sym("moved", 6)
+    on = ca.Function("moved_on", sx, [exp_rotation(*sx)])
+    sizes = {"pose": (4, 4), "started": (1, 1), "stored": (4, 4), "moved": (6, 1)}
+    sizes["posture"] = (posture.numel(), 1)
+    inputs = [ca.MX.sym(name, *size) for name, size in sizes.items()]
+    first = model.response.contact()(inputs[4])[0]
+    if not of_package(model.problem.response):
+        # A matrix of zeros stands for a pose that is not usable.
+        rigid = ca.Function("rigid", [sx[0]], [is_rigid(sx[0])])(first)
+        first = ca.if_else(rigid, first, 0)
+    by_posture = ca.Function("by_posture", inputs, [ca.densify(first)])
+    followed = ca.Function("followed", inputs, [ca.densify(on(inputs[2], inputs[3]))])
+    integrated = ca.Function.if_else("integrated", followed, by_posture)(inputs[1], *inputs)
+    unmeasured = ca.Function("unmeasured", inputs, [integrated])
+    exact = ca.Function("exact", [sx[0]], [ca.densify(normalised(sx[0]))])
+    as_measured = ca.Function("as_measured", inputs, [exact(inputs[0])])
+    return ca.Function.if_else("pose_known", as_measured, unmeasured)(
+        measured, given["pose"], given["started"], given["stored"], moved, posture
+    )
 
 
 def step_function(
@@ -49,7 +265,7 @@ def step_function(
         solver: name of the QP solver, see `ergoqp.solvers`, or a `QpSolver` of your own.
         compiled: whether to compile the step with the C compiler, into the user's cache. The solver
             must be DAQP.
-        guided: whether the function has the inputs of a guide, see `ergoqp.step.guide.pull`.
+        guided: whether the function has the inputs of a guide, see `ergoqp.step.guide`.
 
     Raises:
         InputError: if `problem` is not a Problem, a flag is not a bool, the solver is unknown, or
@@ -77,6 +293,8 @@ def step_function(
             f"compiled: got {', '.join(found)}, which calls Python, allowed expressions without"
             " casadi.Callback"
         )
+    from ergoqp.native.compiled import compiled as machine_code
+
     return machine_code(lambda native: build_step(problem, native, guided=guided, unrolled=True))
 
 
@@ -105,13 +323,13 @@ def build_step(
         name: name of the function.
         guided: whether the step can be drawn to a guide. It then has `GUIDE_INPUTS` and
             `GUIDE_OUTPUTS` too. Where ``guided`` is 0, it gives the same step to the last bit. See
-            `ergoqp.step.guide.pull`.
+            `ergoqp.step.guide`.
         unrolled: whether every operation is written on its own instead of as vectors. This is the
             fastest form for a compiler and the slowest for an interpreter.
         every_branch: whether it always takes the longer branch. Its answers are those of a step
             only where all are needed; it is for `ergoqp.step.timing`.
         spare: whether no term calls Python, so that the step only brakes, see
-            `ergoqp.step.spare`.
+            `ergoqp.step.model`.
     """
     model = StepModel(problem, guided, every_branch, spare)
     shape = scalars if unrolled else vectors
@@ -124,42 +342,43 @@ def build_step(
     given = state | raw
     if problem.frames.moved:
         given["pose"] = shape(_contact_pose(problem))(raw["pose"])
-    known = read_inputs(model, given, found, shape)
-    known.setdefault("frames", ca.MX.zeros(count(FRAMES)))
-    watched = watch(model, known, shape)
-    known |= {name: watched.pop(name) for name in ("causes", "astray")}
-    known |= by_name(model.readings, known)
-    way = model.way_out(known["readings"])
+    signals = read_inputs(model, given, found, shape)
+    signals.setdefault("frames", ca.MX.zeros(count(FRAMES)))
+    watched = watch(model, signals, shape)
+    signals |= {name: watched.pop(name) for name in ("causes", "astray")}
+    signals |= call_by_name(model.readings, signals)
+    way = model.way_out(signals["readings"])
     if way is not None:
-        known["causes"] += 2.0**Cause.no_way_out * is_set(way[4])
-    known["usable"] = ca.logic_not(is_set(known["causes"]))
-    known |= landing(model, found, known, shape)
+        signals["causes"] += 2.0**Cause.no_way_out * is_set(way[4])
+    signals["usable"] = ca.logic_not(is_set(signals["causes"]))
+    signals |= landing(model, found, signals, shape)
 
     # The QP and its answer.
-    known |= by_name(cost_function(model), known)
-    known["asks"] = still_asks(state["asked"]) if model.asks_back else ca.MX(1)
-    known |= by_name(shape(away_function(model)), known)
-    known["stalled"] = stalled(state["rest"])
+    signals |= call_by_name(cost_function(model), signals)
+    # Rows of the posture may ask to come back while the seconds asked for are within those allowed.
+    signals["asks"] = state["asked"][0] <= state["asked"][1] if model.asks_back else ca.MX(1)
+    signals |= call_by_name(shape(away_function(model)), signals)
+    signals["stalled"] = stalled(state["rest"])
     if guided:
-        known |= by_name(pull_function(model), known)
+        signals |= call_by_name(pull_function(model), signals)
         if way is not None:
             pulls = way[3] <= 0
-            known |= {name: pulls * known[name] for name in ("pull_H", "pull_g")}
-    known |= solve_passes(model, solver, known, shape)
+            signals |= {name: pulls * signals[name] for name in ("pull_H", "pull_g")}
+    signals |= solve_passes(model, solver, signals, shape)
 
     # The part of the answer that is certified and sent.
-    known |= by_name(gain_function(model), known)
-    known |= by_name(shape(judge_function(model)), known, written=True)
-    known["share"] = shortened(model, known)
-    known |= amiss(model, known)
-    known |= by_name(shape(account_function(model)), known, written=True)
-    known["next_state"] = joined(model.state, _next_state(model, found, known | watched))
+    signals |= call_by_name(gain_function(model), signals)
+    signals |= call_by_name(shape(judge_function(model)), signals, written=True)
+    signals["share"] = shortened(model, signals)
+    signals |= amiss(model, signals)
+    signals |= call_by_name(shape(account_function(model)), signals, written=True)
+    signals["next_state"] = joined(model.state, _next_state(model, signals | watched))
 
-    known |= {"pose_used": known["pose"], "causes": known["all_causes"], "cost": known["value"]}
-    known |= {"slack": known["all_slack"], "multipliers": known["all_multipliers"]}
-    known |= {"fault": watched["said"][-2:], "margins": known["now"]}
+    signals |= {"pose_used": signals["pose"], "causes": signals["all_causes"]}
+    signals |= {"cost": signals["value"], "margins": signals["now"], "fault": watched["said"][-2:]}
+    signals |= {name: signals[f"all_{name}"] for name in ("slack", "multipliers")}
     outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ())]
-    results = once([known[name] for name in outputs])
+    results = once([signals[name] for name in outputs])
     return ca.Function(name, list(raw.values()), results, names, outputs)
 
 
@@ -170,27 +389,24 @@ def _contact_pose(problem: Problem) -> ca.Function:
     return ca.Function("contact_pose", [pose], [ca.densify(contact)])
 
 
-def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
+def _next_state(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
     """Return the parts of the state that a step hands to the next one."""
-    after = {name: known[name] for name in ("compared", "story", "said")}
-    history = next_history(
-        model, known["history"], found, known["planned"], known["twist"], known["still"]
-    )
-    after |= {"history": ca.vertcat(*history), "stored": known["pose"], "rest": known["next_rest"]}
-    after["started"] = known["next_started"]
-    after |= {"last_posture": known["posture"], "on_hold": known["on_hold"]}
+    after = {name: signals[name] for name in ("compared", "story", "said", "on_hold")}
+    sent = (signals[name] for name in ("planned", "twist", "still"))
+    after["history"] = ca.vertcat(*next_history(model, signals["history"], signals, *sent))
+    after |= {"stored": signals["pose"], "started": signals["next_started"]}
+    after |= {"last_posture": signals["posture"], "rest": signals["next_rest"]}
     if model.problem.robot.owes:
-        seen = ca.logic_or(known["measured"], ca.logic_not(is_set(known["started"])))
-        ends = ca.horzcat(found.up, found.down)
-        after["unsure"] = ca.if_else(seen, ends, known["unsure"])
+        seen = ca.logic_or(signals["measured"], ca.logic_not(is_set(signals["started"])))
+        ends = ca.horzcat(signals["up"], signals["down"])
+        after["unsure"] = ca.if_else(seen, ends, signals["unsure"])
     if model.asks_back:
         limits = model.problem.row_limits
-        after["asked"] = asked_update(limits, known["asked"], known["now"], known["dt"])
+        now, dt = signals["now"], signals["dt"]
+        after["asked"] = update_recovery_timer(limits, signals["asked"], now, dt)
     if model.compares:
-        compared = {**known, "period": found.dt}
-        after["frames"] = (
-            known["frames"] if model.spare else compared_frames(model.problem, compared)
-        )
+        spare = model.spare
+        after["frames"] = signals["frames"] if spare else compared_frames(model.problem, signals)
     if model.guided:
-        after["trial"] = known["next_trial"]
+        after["trial"] = signals["next_trial"]
     return after

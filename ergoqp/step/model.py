@@ -1,29 +1,178 @@
-"""What the functions of a control step share: sizes, patterns and situations, computed once."""
+"""What the functions of a control step share, and the step without users' Python code.
+
+The step without what users' Python code computes, for the moment in which that code raises. Most
+terms are expressions, in which nothing can be raised. But an expression may call Python, through
+`casadi.Callback`, in a cost, in a response, and in the `measure` of a limit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import of_package
-from ergoqp.limits import Limit, Situation
+from ergoqp.errors import ProblemError
+from ergoqp.expressions import Evaluator, slices
+from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.stop import Braking
+from ergoqp.limits.twist_and_stopping import Braking
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers.solver import SOLVER, interrupted
 from ergoqp.step.frames_check import FRAMES
-from ergoqp.step.guide.trial import TRIAL
-from ergoqp.step.packing import Sizes, count, places
-from ergoqp.step.program.bounds import limit_values, movable_rows
-from ergoqp.step.rest import STATES
-from ergoqp.step.robot_watch.memory import ASTRAY, watch_blocks
-from ergoqp.step.spare import NoResponse, calls_python
-from ergoqp.step.under_way.history import History
-from ergoqp.step.under_way.parts import WayLayout
+from ergoqp.step.layout import (
+    ASTRAY,
+    History,
+    PendingMotionLayout,
+    Sizes,
+    count,
+    places,
+    watch_blocks,
+)
+from ergoqp.step.rest import STATES, TRIAL
+from ergoqp.step.rows import limit_values, movable_rows
+
+_CALLBACK: Final = "CallbackInternal"
+"""What CasADi calls a function that is written in Python."""
+
+
+def callers(problem: Problem) -> list[str]:
+    """Return the terms of a problem that may call Python, in words."""
+    cost, response, limits = problem.cost, problem.response, problem.row_limits
+    found = []
+    if not of_package(cost):
+        q = ca.MX.sym("q", len(problem.coordinates))
+        function = ca.Function("cost", [q], [cost.expression(q)])
+        if getattr(cost, "dense", False) or calls_python(function):
+            found.append(f"cost: {cost.name}")
+    if not of_package(response) and calls_python(response.contact(), response.sensitivity()):
+        found.append(f"response: {type(response).__name__}")
+    return found + [
+        f"limits: {limit.names[0]}"
+        for limit in limits
+        if not of_package(limit) and limit.measure() is not None
+    ]
+
+
+def check_spare(spare: ca.Function) -> None:
+    """Check that no row or margin of a limit calls Python: it could raise an error in every step.
+
+    Args:
+        spare: a step in which nothing else does, except its solver.
+
+    Raises:
+        ProblemError: if one does.
+    """
+    for part in spare.find_functions():
+        if part.class_name() == _CALLBACK and part.name() != SOLVER:
+            raise ProblemError(
+                f"limits: got rows or margins that call {part.name()!r} in Python, allowed"
+                " expressions; what calls Python belongs into the measure of the limit"
+            )
+
+
+def calls_python(*functions: ca.Function) -> bool:
+    """Return whether a function contains a `casadi.Callback`."""
+    found = [part for function in functions for part in (function, *function.find_functions())]
+    return any(part.class_name() == _CALLBACK for part in found)
+
+
+class NoResponse:
+    """A response that gives no numbers: its contact is no pose, and its sensitivity is NaN.
+
+    Args:
+        response: the response whose place it takes.
+    """
+
+    def __init__(self, response: Any) -> None:
+        """Keep the response, for its sizes."""
+        self._response = response
+
+    def contact(self) -> ca.Function:
+        """Return zeros instead of the contact frame."""
+        return _constant(self._response.contact(), 0.0)
+
+    def sensitivity(self) -> ca.Function:
+        """Return NaN in every entry."""
+        return _constant(self._response.sensitivity(), float("nan"))
+
+
+def _constant(function: ca.Function, value: float) -> ca.Function:
+    """Return a function of the same inputs and sizes that gives one number in every entry."""
+    count = function.n_out()
+    parts = [ca.SX(value) * ca.SX.ones(*function.size_out(i)) for i in range(count)]
+    names = [function.name_out(i) for i in range(count)]
+    return ca.Function(function.name(), function.sx_in(), parts, function.name_in(), names)
+
+
+def guarded(
+    call: Callable[[], object], evaluator: Evaluator, spare: ca.Function, raised: list[str]
+) -> Callable[[], None]:
+    """Return a call of the step that takes the answer of another step if it raises.
+
+    Args:
+        call: evaluates the step.
+        evaluator: the step, with its inputs and results.
+        spare: the step in which these terms give no numbers, so that it brakes.
+        raised: holds the error of the last call in words; empty if there was none.
+    """
+    instead = Evaluator(spare)
+
+    def called() -> None:
+        raised.clear()
+        try:
+            call()
+        except Exception as error:  # any error in the code of a user's term
+            if interrupted(error):
+                raise KeyboardInterrupt from None
+            for name, values in evaluator.inputs.items():
+                instead.inputs[name][:] = values
+            instead.evaluate()
+            evaluator.results[:] = instead.results
+            # CasADi puts the place in front of the words of the error.
+            words = (str(error).strip().splitlines() or [""])[-1].split(": ", 1)[-1]
+            raised.append(f"an error ({words[:120]})")
+
+    return called
+
+
+class Signals(dict[str, Any]):
+    """Symbols of what the functions of the step exchange, each made when it is first used.
+
+    So a function takes what its expressions read. Entries that are set are no inputs.
+
+    Attributes:
+        inputs: the symbols, in the order in which they were made.
+    """
+
+    def __init__(
+        self, size: Callable[[str], tuple[int, int]], names: Iterable[str], kind: type[Any]
+    ) -> None:
+        """Make the symbols of some names at once."""
+        super().__init__()
+        self._size, self._kind, self.inputs = size, kind, dict[str, Any]()
+        self.pick(names)
+
+    def __missing__(self, name: str) -> Any:
+        """Make the symbol of a name."""
+        self[name] = self.inputs[name] = self._kind.sym(name, *self._size(name))
+        return self[name]
+
+    def pick(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return some of the symbols, by name."""
+        return {name: self[name] for name in names}
+
+    def function(self, name: str, outputs: Mapping[str, Any]) -> ca.Function:
+        """Return the dense function of the symbols that gives `outputs`, by name."""
+        parts: Any = [ca.densify(self._kind(part)) for part in outputs.values()]
+        parts = ca.cse(parts) if self._kind is ca.SX else parts
+        inputs = self.inputs
+        return ca.Function(name, list(inputs.values()), parts, list(inputs), list(outputs))
+
 
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 """Landing pose, and the data at the start of the present period."""
@@ -39,7 +188,7 @@ class StepModel:
         every_branch: whether the step takes every branch, to be timed; see
             `ergoqp.step.timing`.
         spare: whether cost, readings and a response that calls Python give no numbers, see
-            `ergoqp.step.spare`.
+            `ergoqp.step.model`.
     """
 
     problem: Problem
@@ -62,7 +211,7 @@ class StepModel:
     @cached_property
     def history(self) -> History:
         """Size of the history that the step keeps."""
-        return History.of(self.problem)
+        return History(self.problem)
 
     @cached_property
     def blocks(self) -> dict[str, Sizes]:
@@ -70,14 +219,14 @@ class StepModel:
         return watch_blocks(self.problem)
 
     @cached_property
-    def under_way(self) -> WayLayout:
+    def under_way(self) -> PendingMotionLayout:
         """The parts of the vector ``way``."""
-        return WayLayout.of(self.problem)
+        return PendingMotionLayout(self.problem)
 
     @cached_property
     def asks_back(self) -> bool:
         """Whether some row of the person's posture may ask the object to come back."""
-        return any(not limit.hard and any(limit.returns) for limit in self.problem.row_limits)
+        return any(not limit.hard and any(limit.recovers) for limit in self.problem.row_limits)
 
     @property
     def compares(self) -> bool:
@@ -107,9 +256,8 @@ class StepModel:
         """Slice of the state of each part, and of the parts of the history and of the watch."""
         found = places(self.state)
         for name, sizes in {"history": self.history.sizes, **self.blocks}.items():
-            start = found[name].start
-            inner = {part: (at.start, at.stop) for part, at in places(sizes).items()}
-            found |= {part: slice(start + a, start + b) for part, (a, b) in inner.items()}
+            start, inner = found[name].start, places(sizes).items()
+            found |= {part: slice(start + at.start, start + at.stop) for part, at in inner}
         return found
 
     @cached_property
@@ -136,9 +284,9 @@ class StepModel:
             return (len(self.movable), 1)
         return self.sizes.get(name, (1, 1))
 
-    def symbols(self, names: Iterable[str], kind: type[Any] = ca.SX) -> dict[str, Any]:
+    def symbols(self, names: Iterable[str] = (), kind: type[Any] = ca.SX) -> Signals:
         """Return symbols of scalars (`casadi.SX`) or matrices (`casadi.MX`), by name."""
-        return {name: kind.sym(name, *self.size(name)) for name in names}
+        return Signals(self.size, names, kind)
 
     @cached_property
     def stand_in(self) -> ca.DM:
@@ -173,8 +321,8 @@ class StepModel:
         """Numbers, among all rows, of the rows that some twist can move. These are in the QP."""
         sx, problem = self.symbols((*PLACE, "shift", "S")), self.problem
         S, brake = self.sparse(sx["S"]), problem.stop.braking(sx["previous"], sx["dt"])
-        situation = self.situation(sx, S, brake)
-        return movable_rows(problem.twist_limit, problem.row_limits, situation)
+        context = self.context(sx, S, brake)
+        return movable_rows(problem.twist_limit, problem.row_limits, context)
 
     def values(self, pick: str) -> np.ndarray:
         """Return one number per row from the attribute `pick` of the limits."""
@@ -219,21 +367,21 @@ class StepModel:
         return ca.Function("readings", [posture, pose], [readings], names, ["readings"])
 
     def way_out(self, readings: Expression) -> Expression | None:
-        """Return the entries of the readings that `ergoqp.limits.way_out` gives, or None."""
+        """Return the entries of the readings that `ergoqp.limits.keep_out` gives, or None."""
         way = self.problem.way_out
         return None if way is None else readings[readings.numel() - way.size :]
 
-    def situation(
+    def context(
         self,
-        known: Mapping[str, Expression],
+        signals: Mapping[str, Expression],
         S: Expression,
         brake: Braking | None = None,
         held: bool = False,
-    ) -> Situation:
-        """Return the situation, from the symbols of a function of the step.
+    ) -> LimitContext:
+        """Return the context, from the symbols of a function of the step.
 
         Args:
-            known: symbols by name: ``posture``, ``observed``, ``readings``, optionally
+            signals: symbols by name: ``posture``, ``observed``, ``readings``, optionally
                 ``previous``, and either ``pose`` for the present pose, or ``landed``, ``way`` and
                 ``shift`` for the landing pose.
             S: sensitivity, only with the entries that can differ from zero.
@@ -243,43 +391,34 @@ class StepModel:
         """
         swing = change = ca.SX(6, 1)
         if brake is not None:
-            swing, change = known["previous"] * brake.swing, brake.change
+            swing, change = signals["previous"] * brake.swing, brake.change
         where = {
-            "posture": known["posture"],
-            "observed": known["observed"],
+            "posture": signals["posture"],
+            "observed": signals["observed"],
             "sensitivity": S,
-            "swing": swing,
+            "stop_displacement": swing,
             "change": change,
-            "readings": self.by_limit(known["readings"]),
+            "readings": self.by_limit(signals["readings"]),
             "surface": self.problem.surface,
         }
-        if "landed" not in known:
+        if "landed" not in signals:
             still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
-            pose = known.get("pose", ca.SX.eye(4))
-            return Situation(pose=pose, ahead=still, shift=stays, **where)
-        way = self.under_way.split(known["way"])
-        lost, turn = way.lost, way.turn_held if brake is not None else way.turn
-        if held:
-            lost, turn = way.lost_held, way.turn_held
-        return Situation(
-            pose=known["landed"],
-            ahead=way.ahead,
-            shift=known["shift"],
-            lost=lost,
-            turn=turn,
-            stray=way.stray,
-            raised=way.raised,
-            most=brake.stop.most(brake.dt) if brake is not None and self.problem.average else None,
+            pose = signals.get("pose", ca.SX.eye(4))
+            return LimitContext(pose=pose, pending_displacement=still, shift=stays, **where)
+        return LimitContext(
+            pose=signals["landed"],
+            shift=signals["shift"],
+            overshoot_bound=brake.stop.most(brake.dt)
+            if brake is not None and self.problem.average
+            else None,
+            **self.under_way.split(signals["way"], held, brake is not None),
             **where,
         )
 
     def by_limit(self, readings: Expression) -> dict[str, Expression]:
         """Return the readings of each limit, by the name of its first row."""
-        found, start = {}, 0
-        for limit, measure in self.measures:
-            size = measure.numel_out(0)
-            found[limit.names[0]] = readings[start : start + size]
-            start += size
+        sizes = {limit.names[0]: measure.numel_out(0) for limit, measure in self.measures}
+        found = {name: readings[at] for name, at in slices(sizes).items()}
         way = self.problem.way_out
         return found if way is None else found | way.of_limits(self.way_out(readings))
 

@@ -10,8 +10,8 @@ from ergoqp.arguments import as_tuple, check_kind, shown
 from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver
-from ergoqp.step.answer.step import Step
-from ergoqp.step.guide.place import RECORDED
+from ergoqp.step.answer import Step
+from ergoqp.step.guide import RECORDED
 from ergoqp.step.stepper import Stepper
 
 
@@ -67,7 +67,7 @@ def replay(
                 values[:] = entry[name]
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"log: entry {number} is not one of a loop of this problem ({error}), allowed the"
+                f"log: entry {number} is not one of a loop of this problem ({error}); give the"
                 " dicts that its log sink got"
             ) from None
         stepper._raised.clear()
@@ -91,7 +91,7 @@ def _check_solver(log: Sequence[Any], given: QpSolver | None) -> None:
         if own and given is None:
             raise InputError(
                 f"log: entry {number} is of a loop with a solver {name} that was given as an"
-                " object, which a log does not hold, allowed with replay(..., solver=that object)"
+                " object, which a log does not hold; give replay(..., solver=that object)"
             )
         if given is not None and not own:
             raise InputError(

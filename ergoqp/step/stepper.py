@@ -4,33 +4,94 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_called, check_kind, check_number, flag, read_array
+from ergoqp.arguments import (
+    check_called,
+    check_kind,
+    check_number,
+    flag,
+    read_array,
+    shown,
+    unmasked,
+)
 from ergoqp.errors import InputError
-from ergoqp.expressions.evaluator import Evaluator
-from ergoqp.problem.kinds import PERIODS
+from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.tried import slowest
+from ergoqp.problem.validate import PERIODS, slowest
 from ergoqp.solvers import QpSolver, read_solver, solver_named
 from ergoqp.solvers.solver import passing_on
-from ergoqp.step.answer.causes import Cause, Status
-from ergoqp.step.answer.step import Step
+from ergoqp.step.answer import Step
+from ergoqp.step.causes import Cause, Fault, Status
+from ergoqp.step.certification import stop_function
 from ergoqp.step.frames_check import VERDICTS
-from ergoqp.step.function import build_step, step_function
-from ergoqp.step.guide.place import read_guide
-from ergoqp.step.model import StepModel
-from ergoqp.step.ready import Frame, Layout, Ready
+from ergoqp.step.function import build_step, state_at_start, step_function
+from ergoqp.step.guide import Guide, read_guide
+from ergoqp.step.layout import CLOCK_ROUNDING, SHORTEST_DT
+from ergoqp.step.model import StepModel, callers, check_spare, guarded
 from ergoqp.step.rest import stalled
-from ergoqp.step.robot_watch.faults import Fault
-from ergoqp.step.spare import callers, check_spare, guarded
-from ergoqp.step.state import state_at_start
-from ergoqp.step.stopping import stop_function
-from ergoqp.step.under_way.history import CLOCK_ROUNDING, SHORTEST_DT
-from ergoqp.step.user_values import number, put, truth
+
+_FLOAT: Final = np.dtype(float)
+
+
+def put(
+    target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]
+) -> None:
+    """Copy a user's array into a buffer of the same shape.
+
+    An unusable array fills the buffer with NaN, which the step detects, and leaves a note.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
+        target[...] = value
+        return
+    try:
+        array = value if type(value) is np.ndarray else unmasked(value)
+        if array.shape != shape:
+            notes[name] = f"{name} has shape {array.shape}, allowed {shape}"
+        elif array.dtype.kind not in "biuf":
+            notes[name] = f"{name} holds {array.dtype.name} values, allowed real numbers"
+        else:
+            target[...] = array
+            return
+    except Exception as error:  # any error of a user's object; the loop goes on
+        notes[name] = (
+            f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
+        )
+    target[...] = np.nan
+
+
+def number(value: Any, name: str, notes: dict[str, str]) -> float:
+    """Return a user's number. Anything else gives NaN, which the step detects, and leaves a note.
+
+    A flag is no number: it stands for something else by mistake.
+    """
+    try:
+        if not isinstance(value, (str, bytes, bytearray, bool, np.bool_)):
+            return float(value)
+    except Exception:  # any error: not a number
+        pass
+    notes[name] = f"{name} is {shown(value)}, allowed a number in s"
+    return float("nan")
+
+
+def truth(value: Any, name: str, notes: dict[str, str]) -> bool:
+    """Return a user's flag. Any other value gives False and leaves a note.
+
+    For example a text or NaN never enables anything.
+    """
+    try:
+        if isinstance(value, (bool, np.bool_)):
+            return bool(value)
+        if not isinstance(value, (str, bytes, bytearray)) and float(value) in (0.0, 1.0):
+            return float(value) == 1.0
+        notes[name] = f"{name} is {value!r:.40}, allowed True or False"
+    except Exception:  # any error of a user's object
+        notes[name] = f"{name} cannot be read as True or False"
+    return False
+
 
 _ROUNDING: Final = 1e-9
 """Tolerance of the speed limits [m/s, rad/s]."""
@@ -39,6 +100,18 @@ LONGEST_DEADLINE: Final = 10.0
 """Longest deadline of a step [s]."""
 
 _STATUSES: Final = tuple(status.name for status in Status)
+
+Frame: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Posture and mask of a frame, as read (n,) each."""
+
+Ready: TypeAlias = tuple[np.ndarray, np.ndarray, Mapping[str, str], Frame]
+"""What the next call starts from: usual inputs, state, notes, and the last frame.
+
+It is never written to, but replaced as one, as the last operation of a call. So an exception at any
+point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call. The usual
+inputs are all inputs of the function, one after the other, with the guide; the notes say what was
+wrong with the guide. A plain tuple is the fastest to make.
+"""
 
 LogSink = Callable[[dict[str, Any]], None]
 
@@ -58,7 +131,7 @@ class Stepper:
             again.
         guide: a place that the object is drawn to if descent alone comes to rest at a worse one:
             the optimum of `ergoqp.optimise`, or a pose (4, 4) [m], see
-            `ergoqp.step.guide.place.read_guide`. The limits are the same as without a guide.
+            `ergoqp.step.guide.read_guide`. The limits are the same as without a guide.
         deadline: how long a call of `step` may take [s]. If it takes longer, its answer is dropped
             and the object brakes; the reason says so. The braking twist takes one more evaluation.
             None: there is no deadline.
@@ -122,13 +195,20 @@ class Stepper:
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
-        self._ready: Ready = self._layout.begin(self._given.size, self._begin, place)
+        usual = np.zeros(self._given.size)
+        for name in ("observed", "frame", "enable"):
+            usual[self._at[name]] = 1.0
+        usual[self._at["dt"]] = self.dt
+        if place is not None:
+            usual = self._led(usual, place)
+        self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
         self._evaluator = evaluator = Evaluator(function)
         self._call, self._given = evaluator.evaluate, evaluator.given
-        self._inputs, self._layout = evaluator.inputs, Layout(self._model, evaluator.places)
+        # The slice of each input, and of each part of the state within the state.
+        self._inputs, self._at, self._parts = evaluator.inputs, evaluator.places, self._model.places
         if self._solver is not solver_named("daqp"):
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
@@ -144,7 +224,7 @@ class Stepper:
         # The state that one step hands to the next.
         self._state_in, self._state_out = self._inputs["state"], evaluator.outputs["next_state"]
         self._status_at = self._slices["status"].start
-        self._held_at = self._layout.parts["on_hold"].start
+        self._held_at = self._parts["on_hold"].start
         # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
 
@@ -172,7 +252,7 @@ class Stepper:
         n, (usual, _, notes, frame) = self._begin.size, self._ready
         allowed = f"{n} finite numbers, as state() returns them"
         state = read_array("state", state, (n,), allowed).copy()
-        at = self._layout.parts
+        at = self._parts
         ages = state[at["ages"]]
         if (np.diff(ages, prepend=0.0) < 0).any() or not ages[0] > 0:
             raise InputError(
@@ -228,9 +308,9 @@ class Stepper:
         """
         usual, state, notes, frame = self._ready
         names = ("on_hold", "latched", *(["trial"] if self._guided else []))
-        state = self._layout.forgotten(state, *names)
-        if "frames" in self._layout.parts:
-            state[self._layout.parts["frames"]][VERDICTS] = 0.0
+        state = self._forgotten(state, *names)
+        if "frames" in self._parts:
+            state[self._parts["frames"]][VERDICTS] = 0.0
         self._ready = (usual, state, notes, frame)
         self._held = False
 
@@ -240,7 +320,7 @@ class Stepper:
 
         The larger it is, the more slowly the next step moves.
         """
-        return float(stalled(self._ready[1][self._layout.parts["rest"]]))
+        return float(stalled(self._ready[1][self._parts["rest"]]))
 
     def guide(self, guide: Any) -> None:
         """Replace the guide from now on, or remove it.
@@ -256,8 +336,7 @@ class Stepper:
         """
         if not self._guided:
             raise InputError(
-                "guide: the stepper was made without one, allowed only where Stepper(guide=...) had"
-                " a place"
+                "guide: the stepper was made without one; make it with Stepper(guide=...)"
             )
         usual, state, _, frame = self._ready
         place, notes = None, dict[str, str]()
@@ -266,11 +345,23 @@ class Stepper:
         except InputError as error:
             notes["guide"] = str(error)
         except Exception as error:  # any error of a user's object; the loop goes on
-            notes["guide"] = (
-                f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
-            )
-        state = self._layout.forgotten(state, "trial")
-        self._ready = (self._layout.led(usual, place), state, notes, frame)
+            notes["guide"] = f"guide: cannot be read ({type(error).__name__}); give a pose (4, 4)"
+        self._ready = (self._led(usual, place), self._forgotten(state, "trial"), notes, frame)
+
+    def _led(self, usual: np.ndarray, place: Guide | None) -> np.ndarray:
+        """Return the usual inputs with another guide; None: there is none."""
+        usual, at = usual.copy(), self._at
+        usual[at["guided"]] = place is not None
+        if place is not None:
+            usual[at["guide"]], usual[at["promise"]] = place.pose.T.ravel(), place.expected
+        return usual
+
+    def _forgotten(self, state: np.ndarray, *names: str) -> np.ndarray:
+        """Return a state with parts that are zero."""
+        state = state.copy()
+        for name in names:
+            state[self._parts[name]] = 0.0
+        return state
 
     def step(
         self,
@@ -426,7 +517,7 @@ class Stepper:
         usual, state, notes, frame = self._ready
         state = state.copy()
         for name in ("planned", "sent"):  # newest first
-            state[self._layout.parts[name]][:6] = sent
+            state[self._parts[name]][:6] = sent
         self._ready = (usual, state, notes, frame)
 
     def _begin_call(self, ready: Ready) -> dict[str, str]:

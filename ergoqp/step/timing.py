@@ -10,16 +10,16 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, check_whole, flag
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
 from ergoqp.native.compiled import compiled as machine_code
-from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.validate import PERIODS, shortest
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.daqp import ITERATIONS, in_step
 from ergoqp.step.function import build_step
-from ergoqp.step.guide.place import RECORDED
+from ergoqp.step.guide import RECORDED
 from ergoqp.step.model import StepModel, stand_in
-from ergoqp.step.program.locking import PASSES
+from ergoqp.step.qp import PASSES
 from ergoqp.step.stepper import Stepper
 
 LARGEST_ITERATIONS: Final = PASSES * ITERATIONS
@@ -132,7 +132,7 @@ def benchmark_step(
         stepper.step(posture)
         # The inputs of this step, for the form that takes every branch.
         largest.given[:] = stepper._given
-        most = max(most, _shortest(largest))
+        most = max(most, shortest(largest.evaluate, _REPEATS))
     median, p99 = 1e6 * np.percentile(times, [50, 99])
     rows = len(StepModel(problem, guided).movable)
     iteration = _iteration_us(rows, rng)
@@ -152,16 +152,6 @@ def _largest_step(problem: Problem, compiled: bool, guided: bool) -> ca.Function
         return build_step(problem, solver, name, guided, unrolled=compiled, every_branch=True)
 
     return machine_code(build) if compiled else build(solver_named("daqp"))
-
-
-def _shortest(evaluator: Evaluator) -> float:
-    """Return the shortest time of a call on its inputs [s]."""
-    times = []
-    for _ in range(_REPEATS):
-        start = time.perf_counter()
-        evaluator.evaluate()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def _iteration_us(rows: int, rng: np.random.Generator) -> float:
@@ -193,6 +183,9 @@ def _iteration_us(rows: int, rng: np.random.Generator) -> float:
             middle = (low + high) // 2
             low, high = (low, middle) if solved(middle) else (middle, high)
         half = max(1, high // 2)
-        spent = _shortest(limited(high)) - _shortest(limited(half))
+        # Both are kept: `evaluate` uses their memory.
+        timed = [limited(most) for most in (high, half)]
+        slow, fast = (shortest(each.evaluate, _REPEATS) for each in timed)
+        spent = slow - fast
         longest = max(longest, spent / max(1, high - half))
     return 1e6 * longest

@@ -12,8 +12,8 @@ try:
 except ImportError as error:
     raise MissingExtraError("the whole-body formulation", "mink", "mink") from error
 
-from ergoqp.whole_body.answer import WholeBodyStep as WholeBodyStep
 from ergoqp.whole_body.robot import Robot as Robot
 from ergoqp.whole_body.robot import load_robot as load_robot
 from ergoqp.whole_body.scene import Scene as Scene
 from ergoqp.whole_body.whole_body import WholeBody as WholeBody
+from ergoqp.whole_body.whole_body import WholeBodyStep as WholeBodyStep

@@ -5,21 +5,19 @@ The person follows, and the joints of the arm do exactly what they are sent.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
+from ergoqp.rest.model_person import ModelPerson
+from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.people.senses import Senses, frames
-from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.scene import Scene
-from ergoqp.whole_body.separation import Separation
-from ergoqp.whole_body.whole_body import WholeBody
+from ergoqp.whole_body.state import Separation
+from ergoqp.whole_body.whole_body import WholeBody, WholeBodyStep
 
-EXACT = Senses(noise_deg=0.0, drift_deg=0.0, lost=0.0)
+EXACT = SensorModel(noise_deg=0.0, drift_deg=0.0, lost=0.0)
 """Sensors without errors; the person still follows late."""
 
 
@@ -66,15 +64,13 @@ class Ruler:
         person: person with the true body, which may differ from the controller's model.
     """
 
-    def __init__(self, whole: WholeBody, person: Alike) -> None:
+    def __init__(self, whole: WholeBody, person: ModelPerson) -> None:
         """Build the true scene."""
         known = whole.scene
         self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
-        self._separation, self._data, self._person = (
-            Separation(self.scene),
-            mujoco.MjData(self.scene.model),
-            person,
-        )
+        self._separation = Separation(self.scene)
+        self._data = mujoco.MjData(self.scene.model)
+        self._person = person
 
     def __call__(self, posture: np.ndarray, arm: np.ndarray) -> float:
         """Return the smallest distance [m] at a posture (32,) and joints of the arm (k,)."""
@@ -88,20 +84,17 @@ class Ruler:
         """Return the contact frame (4, 4) as the arm holds it."""
         self._data.qpos[self.scene.arm_qpos] = arm
         mujoco.mj_kinematics(self.scene.model, self._data)
-        pose, site = np.eye(4), self.scene.contact_site
-        pose[:3, :3] = self._data.site_xmat[site].reshape(3, 3)
-        pose[:3, 3] = self._data.site_xpos[site]
-        return pose
+        return self.scene.contact_pose(self._data)
 
 
 def run_whole_body(
     whole: WholeBody,
-    person: Alike,
+    person: ModelPerson,
     posture: np.ndarray,
     *,
     duration: float,
     seed: int = 0,
-    senses: Senses = EXACT,
+    senses: SensorModel = EXACT,
     checker: Checker | None = None,
 ) -> WholeBodyTrace:
     """Run the loop from `WholeBody.start` and return its trace.
@@ -118,7 +111,7 @@ def run_whole_body(
 
     Example:
         >>> import ergoqp
-        >>> from ergoqp.simulation.people.alike import sample_person
+        >>> from ergoqp.rest.model_person import sample_person
         >>> from ergoqp.whole_body import WholeBody
         >>> from ergoqp.whole_body.loop import run_whole_body
         >>> problem = ergoqp.load_problem("screwing")
@@ -132,13 +125,7 @@ def run_whole_body(
     dt, arm = whole.dt, whole.start.copy()
     ruler = Ruler(whole, person)
     pose = ruler.contact(arm)
-    grips, soles = (
-        [person.contact(posture)[0] @ grip for grip in person.grasp(posture)],
-        person.stand(posture),
-    )
-    grasp = [np.linalg.solve(pose, grip) for grip in grips]
-    late = deque([pose] * (1 + round(senses.delay / dt)))
-    follow = 1.0 - float(np.exp(-dt / senses.hand_time))
+    holding = person.holding(person.start_at(posture, pose), senses)
     errors = frames(senses, dt, np.random.default_rng([seed, 2]))
     trace, previous, speeds, age = WholeBodyTrace(), np.zeros(6), np.zeros(len(arm)), 0.0
     measured = posture.copy()
@@ -146,7 +133,7 @@ def run_whole_body(
         error, arrives = next(errors)
         age = 0.0 if arrives or number == 0 else age + dt
         if age == 0.0:
-            measured = posture + error
+            measured = holding.posture + error
         step = whole.step(measured, arm, speeds, age=age)
         if checker is not None:
             rate = step.object_step.posture_rate
@@ -154,16 +141,13 @@ def run_whole_body(
                 step.twist, previous, pose, measured, rate, dt, None, step.object_step.slack
             )
         trace.time.append(number * dt)
-        trace.postures.append(posture)
+        trace.postures.append(holding.posture)
         trace.arms.append(arm)
         trace.poses.append(pose)
         trace.steps.append(step)
-        trace.distances.append(ruler(posture, arm))
+        trace.distances.append(ruler(holding.posture, arm))
         previous, speeds = step.twist, step.joint_velocities
         arm = arm + speeds * dt
         pose = ruler.contact(arm)
-        late.append(pose)
-        followed = late.popleft()
-        held = np.hstack([followed @ grip for grip in grasp])
-        posture, _, _ = person.move(posture, held, soles, follow, dt)
+        holding.follow(pose, dt)
     return trace

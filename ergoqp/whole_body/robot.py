@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_kind, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.quaternions import matrix_of
-from ergoqp.paths import data_folder
+from ergoqp.expressions import matrix_of
+from ergoqp.registry import data_folder
 
 DEFAULT_FRAME: Final = "flange"
 """The default end-effector frame."""
@@ -127,20 +127,20 @@ def load_robot(
             )
     ranges = model.jnt_range[joints]
     lower, upper = ranges[:, 0] + MARGIN, ranges[:, 1] - MARGIN
-    speeds = _per_joint(spec, model, joints, "velocity", velocity, path)
-    accelerations = _per_joint(spec, model, joints, "acceleration", acceleration, path)
-    middle = (lower + upper) / 2 if rest is None and "joint_rest" not in _numerics(spec) else None
-    wished = (
-        middle
-        if middle is not None
-        else _per_joint(spec, model, joints, "rest", rest, path, positive=False)
+    speeds, accelerations = (
+        _per_joint(spec, model, joints, what, given, path)
+        for what, given in (("velocity", velocity), ("acceleration", acceleration))
     )
-    held = np.clip(wished, lower, upper)
+    if rest is None and "joint_rest" not in _numerics(spec):
+        wished = (lower + upper) / 2
+    else:
+        wished = _per_joint(spec, model, joints, "rest", rest, path, positive=False)
+    held, carrier = np.clip(wished, lower, upper), model.body(body).name
     return Robot(
         path.stem,
         spec,
         frame,
-        model.body(body).name,
+        carrier,
         pose,
         names,
         lower,
@@ -182,13 +182,19 @@ def _frame_of(model: mujoco.MjModel, frame: str, path: Path) -> tuple[int, np.nd
     )
 
 
-def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int]:
-    """Return the joints from base to frame."""
+def joints_before(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the numbers of the joints from the world to a body."""
     joints: list[int] = []
     while body > 0:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints = [*range(first, first + count), *joints]
         body = int(model.body_parentid[body])
+    return joints
+
+
+def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int]:
+    """Return the joints from base to frame."""
+    joints = joints_before(model, body)
     if not joints:
         raise InputError(
             f"robot: no joint of {path.name} moves the frame {frame!r}, allowed a frame that some"
@@ -222,7 +228,7 @@ def _per_joint(
         found = _numerics(spec).get(f"joint_{what}")
         if found is None:
             raise InputError(
-                f"{what}: {path.name} does not say it, allowed {what}=... or its custom numeric"
+                f"{what}: {path.name} does not say it; give {what}=... or its custom numeric"
                 f" 'joint_{what}'"
             )
         # The list of the file has all its joints, in order.

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.quaternions import quaternion_of
+from ergoqp.expressions import quaternion_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.whole_body.robot import Robot
+from ergoqp.whole_body.robot import Robot, joints_before
 
 BASE_JOINTS: Final = ("base_x", "base_y", "base_z", "base_yaw")
 """Position of the person's pelvis in the world: three shifts [m] and a turn [rad]."""
@@ -102,13 +102,8 @@ class Scene:
         self, body: Body, robot: Robot, base: np.ndarray, load: Load, hands: tuple[str, ...]
     ) -> None:
         """Combine the descriptions and compile them once."""
-        self.body, self.robot, self.base, self.load, self.hands = (
-            body,
-            robot,
-            np.asarray(base, dtype=float),
-            load,
-            hands,
-        )
+        self.body, self.robot, self.load, self.hands = body, robot, load, hands
+        self.base = np.asarray(base, dtype=float)
         self.model = _compiled(body, robot, self.base, load)
         self.person = self._columns([f"person/{name}" for name in (*BASE_JOINTS, *JOINTS)])
         self.arm = self._columns([f"robot/{name}" for name in robot.joints])
@@ -135,11 +130,8 @@ class Scene:
         """
         model = self.model
         names = [model.geom(i).name for i in range(model.ngeom)]
-        person = [
-            i
-            for i, name in enumerate(names)
-            if name.startswith("person/") and not name.endswith("nose")
-        ]
+        skin = [name.startswith("person/") and not name.endswith("nose") for name in names]
+        person = np.flatnonzero(skin).tolist()
         load = [names.index("robot/object"), names.index("robot/tool")]
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         owners = [model.body(int(body)).name for body in model.geom_bodyid]
@@ -154,8 +146,9 @@ class Scene:
             load[0]: hands,
             load[1]: hands | {f"person/{hand}_forearm" for hand in self.hands},
         }
-        end = self._joints_before(int(model.geom_bodyid[load[0]]))
-        up = {link: end - self._joints_before(int(model.geom_bodyid[link])) for link in links}
+        end = len(joints_before(model, int(model.geom_bodyid[load[0]])))
+        before = (len(joints_before(model, int(model.geom_bodyid[link]))) for link in links)
+        up = {link: end - count for link, count in zip(links, before, strict=True)}
         pairs = [
             (link, part)
             for link in links
@@ -168,12 +161,11 @@ class Scene:
         pairs += [(piece, link) for piece in load for link in links if up[link] >= _JOINTS_AWAY]
         return np.array(pairs)
 
-    def _joints_before(self, body: int) -> int:
-        count = 0
-        while body > 0:
-            count += int(self.model.body_jntnum[body])
-            body = int(self.model.body_parentid[body])
-        return count
+    def contact_pose(self, data: mujoco.MjData) -> np.ndarray:
+        """Return the contact frame (4, 4) [m] at the positions of `data`."""
+        pose, site = np.eye(4), self.contact_site
+        pose[:3, :3], pose[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+        return pose
 
     def pair_name(self, pair: np.ndarray) -> str:
         """Return a pair (2,) in words, for a message."""
@@ -194,18 +186,10 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     root = mujoco.MjSpec()
     root.modelname = "whole body"
     world = root.worldbody
-    world.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0, 0, 4],
-        dir=[0.1, 0.15, -1],
-        diffuse=[0.4, 0.4, 0.4],
-    )
-    floor = {
-        "type": mujoco.mjtGeom.mjGEOM_PLANE,
-        "size": [4, 4, 0.1],
-        "rgba": [0.93, 0.93, 0.91, 1],
-    }
-    world.add_geom(name="floor", contype=0, conaffinity=0, **floor)
+    light = {"pos": [0, 0, 4], "dir": [0.1, 0.15, -1], "diffuse": [0.4, 0.4, 0.4]}
+    world.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, **light)
+    floor = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [4, 4, 0.1]}
+    world.add_geom(name="floor", contype=0, conaffinity=0, rgba=[0.93, 0.93, 0.91, 1], **floor)
     root.attach(body.spec(), prefix="person/", frame=world.add_frame())
     arm = robot.spec.copy()
     carry(arm, robot, load)
@@ -216,14 +200,9 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     )
     if base[2, 3] > 0.10:
         low, high = [*base[:2, 3], 0.05], [*base[:2, 3], base[2, 3] - 0.05]
-        column = {
-            "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
-            "fromto": [*low, *high],
-            "size": [0.05, 0, 0],
-        }
-        world.add_geom(
-            name="pedestal", contype=0, conaffinity=0, rgba=[0.6, 0.6, 0.62, 1], **column
-        )
+        column = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [*low, *high]}
+        column |= {"size": [0.05, 0, 0], "rgba": [0.6, 0.6, 0.62, 1]}
+        world.add_geom(name="pedestal", contype=0, conaffinity=0, **column)
     return root.compile()
 
 

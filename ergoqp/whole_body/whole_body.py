@@ -1,4 +1,4 @@
-"""The control step of person, robot and object together.
+"""The control step of person, robot and object together: inputs, answer, and causes in words.
 
 Inputs are posture and robot; outputs are joint velocities of the robot.
 """
@@ -6,39 +6,160 @@ Inputs are posture and robot; outputs are joint velocities of the robot.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number
-from ergoqp.expressions.rigid import read_pose
-from ergoqp.problem.frames import Frames
+from ergoqp.arguments import check_number, read_array, shown, unmasked
+from ergoqp.errors import InputError
+from ergoqp.expressions import read_pose
+from ergoqp.joints import JOINTS
+from ergoqp.problem.geometry import pose_error
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer.step import Step
+from ergoqp.problem.settings import Frames
+from ergoqp.step.answer import Step
 from ergoqp.step.stepper import Stepper
-from ergoqp.whole_body.answer import WholeBodyStep
-from ergoqp.whole_body.formulation import Formulation
-from ergoqp.whole_body.grasp import grasp
-from ergoqp.whole_body.inputs import (
-    implausible_position,
-    implausible_speed,
-    numbers,
-    posture_of,
-    robot_of,
-    size_of,
-    start_of,
-)
-from ergoqp.whole_body.ladder import Ladder
-from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.placing import default_base, pose_error
-from ergoqp.whole_body.robot import Robot
+from ergoqp.whole_body.formulation import Formulation, solve_ladder
+from ergoqp.whole_body.grasp import default_base, grasp
+from ergoqp.whole_body.robot import Robot, load_robot
 from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
-from ergoqp.whole_body.separation import Closeness
-from ergoqp.whole_body.sight import Sight
-from ergoqp.whole_body.stopping import joint_bounds
-from ergoqp.whole_body.terms import StepTerms, own_objective, person_of
+from ergoqp.whole_body.state import (
+    Closeness,
+    Moment,
+    Sight,
+    StepTerms,
+    joint_bounds,
+    own_objective,
+    person_of,
+)
+
+_PLAUSIBLE: Final = 2.0
+"""A joint measured faster than its largest speed times this is a measurement error."""
+
+
+_TURN: Final = 2 * np.pi
+"""A joint measured farther outside its range than this is a measurement error [rad]."""
+
+
+def size_of(value: Any) -> tuple[float, float, float]:
+    """Return the side lengths of a box [m].
+
+    Raises:
+        InputError: if they are not three numbers from 0.001 to 1 m.
+    """
+    sides = numbers(value, 3)
+    if sides is None or (sides < 0.001).any() or (sides > 1.0).any():
+        raise InputError(
+            f"object_size: got {shown(value)}, allowed three side lengths from 0.001 to 1 m"
+        )
+    return float(sides[0]), float(sides[1]), float(sides[2])
+
+
+def robot_of(robot: Any, frame: str | None) -> Robot:
+    """Return a given robot, or load one from a file.
+
+    Raises:
+        InputError: if a frame is given in addition to a robot that has one, or as in `load_robot`.
+    """
+    if not isinstance(robot, Robot):
+        return load_robot(robot, frame)
+    if frame is not None:
+        raise InputError(
+            f"frame: got {shown(frame)} beside a robot whose frame is {robot.frame!r}, allowed"
+            " None: name it to load_robot"
+        )
+    return robot
+
+
+def start_of(start: Any, robot: Robot) -> np.ndarray:
+    """Return joint positions (k,) [rad].
+
+    Raises:
+        InputError: if they are not k numbers within the ranges of the arm.
+    """
+    joints = numbers(start, len(robot.joints))
+    if joints is None or (joints < robot.lower).any() or (joints > robot.upper).any():
+        raise InputError(
+            f"start: got {shown(start)}, allowed {len(robot.joints)} joint positions within their"
+            " ranges"
+        )
+    return joints
+
+
+def implausible(robot: Robot, positions: np.ndarray, speeds: np.ndarray) -> str:
+    """Return in words which joint is measured at an impossible position or speed, or nothing.
+
+    Args:
+        robot: the robot.
+        positions: measured positions of its joints (k,) [rad].
+        speeds: measured speeds of its joints (k,) [rad/s].
+    """
+    beyond = np.maximum(robot.lower - positions, positions - robot.upper)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > _TURN:
+        low, high = robot.lower[worst], robot.upper[worst]
+        return (
+            f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to"
+            f" {high:.4g}, and a turn beyond"
+        )
+    most = _PLAUSIBLE * robot.velocity
+    worst = int(np.argmax(np.abs(speeds) - most))
+    if abs(speeds[worst]) > most[worst]:
+        return (
+            f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within"
+            f" +-{most[worst]:.4g}, twice its largest speed"
+        )
+    return ""
+
+
+def numbers(value: Any, count: int) -> np.ndarray | None:
+    """Return a finite vector of this length, or None."""
+    try:
+        vector = np.asarray(unmasked(value), dtype=float)
+    except Exception:  # any error of a user's object; the loop goes on
+        return None
+    return vector.copy() if vector.shape == (count,) and np.isfinite(vector).all() else None
+
+
+@dataclass(frozen=True)
+class WholeBodyStep:
+    """The answer of one step.
+
+    Attributes:
+        joint_velocities: velocities of the arm's joints to send (k,) [rad/s].
+        twist: twist of the object with these velocities (6,) [m/s, rad/s].
+        posture_rate: how the model person follows this twist (32,) [rad/s].
+        status: that of the object's own step if the robot does the same. ``slower``: limits of the
+            robot or the distance hold the object back. ``braking``: the object brakes, or robot and
+            object cannot keep all limits. ``invalid``: an input cannot be used.
+        reason: one sentence that names the cause, empty for a plain optimal step.
+        min_distance: smallest present distance of all kept pairs [m]; infinite if no distance is
+            kept.
+        object_step: the object's own step (`ergoqp.step.stepper.Step`), without limits of the
+            robot.
+        solve_time: duration of the call [s].
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.whole_body import WholeBody
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> whole = WholeBody(problem)
+        >>> step = whole.step(None, whole.start)
+        >>> step.status, step.twist.shape
+        ('braking', (6,))
+    """
+
+    joint_velocities: np.ndarray
+    twist: np.ndarray
+    posture_rate: np.ndarray
+    status: str
+    reason: str
+    min_distance: float
+    object_step: Step
+    solve_time: float
+
 
 _REST_TIME: Final = 1.0
 _REST_SPEED: Final = 0.5
@@ -56,7 +177,7 @@ class WholeBody:
             it, with the tool's axis pointing back into it, and turned about it in steps of 45
             degrees so that the arm holds the object best at `posture`.
         base: base of the robot in the world of the problem (4, 4) [m]. None: see
-            `ergoqp.whole_body.placing.default_base`.
+            `ergoqp.whole_body.grasp.default_base`.
         posture: posture at the start of the loop (32,) [rad]. None: the comfort posture.
         start: joints with which the arm holds the object then (k,) [rad]. None: found, see
             `ergoqp.whole_body.grasp`. If given, the object starts where they hold it.
@@ -107,7 +228,10 @@ class WholeBody:
         self.distance, self.reserve, object_size = distance, reserve, size_of(object_size)
         placed = default_base(problem, 0.20) if base is None else read_pose("base", base)
         held = read_pose("tool_frame", tool_frame) if tool_frame is not None else None
-        begin = self._person.comfort if posture is None else posture_of(posture)
+        allowed = f"{len(JOINTS)} finite numbers"
+        begin = self._person.comfort
+        if posture is not None:
+            begin = read_array("posture", posture, (len(JOINTS),), allowed)
         self.robot = robot_of(robot, frame)
         joints = None if start is None else start_of(start, self.robot)
         # The object does what the arm can, which may differ from its own step. So there is no
@@ -129,17 +253,10 @@ class WholeBody:
             self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
             self.start = joints
         self._formulation = Formulation(self.scene)
-        self._ladder = Ladder(self.problem, self.robot, self._formulation)
         limit = self.problem.twist_limit
         self._pace = float(np.max(limit.speed / limit.acceleration))
-        self._sight = Sight(
-            self.scene,
-            self._person,
-            self._formulation.configuration,
-            distance,
-            reserve,
-            self._pace,
-        )
+        positions = self._formulation.configuration
+        self._sight = Sight(self.scene, self._person, positions, distance, reserve, self._pace)
         self.reset()
 
     def reset(self) -> None:
@@ -175,17 +292,12 @@ class WholeBody:
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
-        positions, measured = (
-            numbers(arm, k),
-            self._sent if arm_speed is None else numbers(arm_speed, k),
-        )
+        positions = numbers(arm, k)
+        measured = self._sent if arm_speed is None else numbers(arm_speed, k)
         if positions is None or measured is None:
             what = "arm" if positions is None else "arm_speed"
             return self._blind(begin, posture, f"{what} is not {k} finite numbers")
-        wrong = implausible_position(self.robot, positions) or implausible_speed(
-            self.robot, measured
-        )
-        if wrong is not None:
+        if wrong := implausible(self.robot, positions, measured):
             return self._blind(begin, posture, wrong)
         # The limits continue from what was sent. The measurement gives the position of the arm
         # only.
@@ -211,7 +323,9 @@ class WholeBody:
         moment = self._moment(
             object_step, positions, speeds, jacobian, done, close, sees, unimproved
         )
-        velocities, status, why = self._ladder.solve(object_step, moment, done)
+        velocities, status, why = solve_ladder(
+            self.problem, self._formulation, object_step, moment, done
+        )
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
         reason = "; ".join(part for part in (object_step.reason, why) if part)
@@ -229,9 +343,7 @@ class WholeBody:
         else:
             there, then = self._before
             done = then @ speeds - self._offset
-            missed = (self._offset + done) * self.dt - pose_error(
-                there[:3, 3], there[:3, :3], contact
-            )
+            missed = (self._offset + done) * self.dt - pose_error(there, contact)
             self._offset = np.clip(missed / self.dt, -_OFFSET, _OFFSET)
         self._before = contact, jacobian
         return done
@@ -287,14 +399,5 @@ class WholeBody:
         # The motion of the object meanwhile is unknown, so there is nothing to correct.
         self._sent, self._before, self._offset = slower, None, np.zeros(6)
         reason = f"{cause}: every joint of the robot stops by itself"
-        took = time.perf_counter() - begin
-        return WholeBodyStep(
-            slower,
-            twist,
-            object_step.posture_rate,
-            "invalid",
-            reason,
-            float("nan"),
-            object_step,
-            took,
-        )
+        rate, took = object_step.posture_rate, time.perf_counter() - begin
+        return WholeBodyStep(slower, twist, rate, "invalid", reason, np.nan, object_step, took)

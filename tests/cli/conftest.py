@@ -6,7 +6,7 @@ import pytest
 from command_line import Outcome
 
 from ergoqp.cli import main as cli
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap.demo_recording import demo_recording
 
 
 @pytest.fixture

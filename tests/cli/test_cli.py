@@ -14,7 +14,7 @@ import pytest
 from command_line import mistake
 
 from ergoqp import __version__
-from ergoqp.problem_files.load import problem_names
+from ergoqp.problem.load import problem_names
 
 
 def test_version(ergoqp):
@@ -192,7 +192,7 @@ class TestRun:
         ("arguments", "words"),
         [
             (("nonsense",), "problem: got 'nonsense', allowed dentist, desk"),
-            (("missing.toml",), "'missing.toml' is not there"),
+            (("missing.toml",), "'missing.toml': no such file"),
             ((".",), "a directory"),
             (("screwing", "--at", "1"), "--at: got 1 s, but there is no recording"),
             (("screwing", "--up", "z"), "--up: got 'z', but there is no recording"),
@@ -251,6 +251,7 @@ class TestRun:
 
 
 class TestScore:
+    @pytest.mark.slow
     def test_files_and_table(self, ergoqp, demo, tmp_path):
         outcome = ergoqp(
             "score", demo, "--load-kg", "6", "--coupling", "1", "--arm-supported", "both"
@@ -322,6 +323,7 @@ class TestScore:
         assert summary["frames"] == 121
         assert any("although the head" in each for each in summary["assumptions"])
 
+    @pytest.mark.slow
     def test_the_upper_arm_can_be_scored_by_its_elevation(self, ergoqp, demo, tmp_path):
         assert ergoqp("score", demo, "--upper-arm", "elevation", "--out", "by").status == 0
         summary = json.loads((tmp_path / "by" / "scores.json").read_text(encoding="utf-8"))
@@ -361,8 +363,8 @@ class TestFaults:
         def broken(*_, **__):
             raise ZeroDivisionError("a bug")
 
-        monkeypatch.setattr("ergoqp.problem_files.load.load_problem", broken)
-        monkeypatch.setattr("ergoqp.cli.commands.run.load_person_problem", broken)
+        monkeypatch.setattr("ergoqp.problem.load.load_problem", broken)
+        monkeypatch.setattr("ergoqp.cli.run.load_person_problem", broken)
 
     @pytest.mark.usefixtures("fault")
     def test_short(self, ergoqp, monkeypatch):
@@ -385,7 +387,7 @@ class TestFaults:
         def stop(*_, **__):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("ergoqp.cli.commands.run.load_person_problem", stop)
+        monkeypatch.setattr("ergoqp.cli.run.load_person_problem", stop)
         assert ergoqp("run", "screwing").status == 130
 
 

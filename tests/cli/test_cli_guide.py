@@ -7,7 +7,7 @@ import pytest
 from command_line import mistake
 
 from ergoqp.placing.optimise import optimise
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 
 @pytest.fixture(scope="module")
@@ -48,15 +48,16 @@ def test_the_best_place_is_looked_for(ergoqp, tmp_path):
     assert json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))["guide"]["promise"] < 2
 
 
+@pytest.mark.slow
 def test_mistakes(ergoqp, tmp_path, optimum):
     _, folder = optimum
-    allowed = "allowed best or an optimum.json of `ergoqp optimise`"
-    assert f"--guide: 'nowhere.json' is not there, {allowed}" in mistake(
+    remedy = "give best or an optimum.json of `ergoqp optimise`"
+    assert f"--guide: 'nowhere.json': no such file; {remedy}" in mistake(
         ergoqp("run", "desk", "--guide", "nowhere.json")
     )
     (tmp_path / "group.json").write_text('{"problem": "desk", "people": 2}', encoding="utf-8")
     told = mistake(ergoqp("run", "desk", "--guide", "group.json"))
-    assert f"--guide: 'group.json' cannot be read as an optimum, {allowed}" in told
+    assert f"--guide: 'group.json' cannot be read as an optimum; {remedy}" in told
     assert "guide: got a place of problem 'desk', allowed one of problem screwing" in mistake(
         ergoqp("run", "screwing", "--guide", folder)
     )

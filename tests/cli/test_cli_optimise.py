@@ -30,19 +30,6 @@ def test_table_and_file(ergoqp, tmp_path):
 
 
 @pytest.mark.slow
-def test_goes_on_from_what_is_there(ergoqp, tmp_path):
-    ergoqp("optimise", "dentist", "--starts", 2, "--mode", "cooperative", "--out", "results")
-    lines = (tmp_path / "results" / "optimum_starts.jsonl").read_text(encoding="utf-8")
-    outcome = ergoqp(
-        "optimise", "dentist", "--starts", 3, "--mode", "cooperative", "--out", "results"
-    )
-    assert outcome.status == 0
-    again = (tmp_path / "results" / "optimum_starts.jsonl").read_text(encoding="utf-8")
-    assert again.startswith(lines)
-    assert len(again.splitlines()) == 3
-
-
-@pytest.mark.slow
 def test_from_a_recording(ergoqp, demo, tmp_path):
     outcome = ergoqp(
         "optimise", "screwing", "--from", demo, "--at", 1.0, "--starts", 1, "--out", "results"

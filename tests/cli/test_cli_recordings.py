@@ -10,7 +10,7 @@ from command_line import mistake
 
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
-from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.mocap.naming import centres_of
 
 BROKEN = ["empty", "text", "truncated", "cut", "still", "no_frames", "huge", "nan", "spider"]
 
@@ -48,7 +48,7 @@ class TestBrokenRecordings:
     @pytest.mark.parametrize("command", [("score",), ("run", "screwing", "--from")])
     def test_no_file(self, ergoqp, tmp_path, command):
         assert "none.bvh" in mistake(ergoqp(*command, "none.bvh"))
-        assert "got no file" in mistake(ergoqp(*command, "notes.txt"))
+        assert "no such file" in mistake(ergoqp(*command, "notes.txt"))
         (tmp_path / "folder.bvh").mkdir()
         assert "folder" in mistake(ergoqp(*command, "folder.bvh"))
         assert "folder" in mistake(ergoqp(*command, tmp_path))

@@ -11,7 +11,7 @@ from command_line import mistake
 from benchmarks.made_markers import markers_of, write_c3d
 from benchmarks.made_motions import BODY, RATE, fitted, walk
 from ergoqp.human.person_file import given_person, person_with_markers
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 
 LEFT_ARM = ("LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN")
 
@@ -56,6 +56,7 @@ def test_a_problem_of_that_person(ergoqp, takes, tmp_path):
     assert body.stature == pytest.approx(BODY.stature, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_recording_without_markers_tells_lengths(ergoqp, demo, tmp_path):
     outcome = ergoqp("score", demo, "--save-person", tmp_path / "me.toml")
     assert outcome.status == 0

@@ -5,7 +5,7 @@ import sys
 import pytest
 from command_line import mistake
 
-from ergoqp.cli.commands import screen
+from ergoqp.cli import common as screen
 
 
 @pytest.mark.slow
@@ -25,6 +25,7 @@ def test_without_columns_a_pipe_gets_wide_tables(ergoqp, monkeypatch):
     assert max(map(len, outcome.out.splitlines())) > 80
 
 
+@pytest.mark.slow
 def test_long_work_says_how_far_it_is(ergoqp, monkeypatch):
     monkeypatch.setattr(screen, "PAUSE", 0.0)
     outcome = ergoqp("fit", "quadratic", "--per-score", 9, "--folds", 3)

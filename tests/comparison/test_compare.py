@@ -16,13 +16,10 @@ import numpy as np
 import pytest
 
 import ergoqp
-from ergoqp.comparison.compare import Comparison
-from ergoqp.comparison.figures import DEADLINE, figures_of
-from ergoqp.comparison.sequence_files import load_sequence, save_sequences
-from ergoqp.comparison.trial import try_solver
+from ergoqp.comparison.compare import DEADLINE, Comparison, figures_of, try_solver
+from ergoqp.comparison.record import load_sequence, save_sequences
 from ergoqp.errors import InputError, MissingExtraError
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.session import QpAnswer, judge
 
 
 @cache
@@ -93,6 +90,7 @@ def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.mark.slow
 def test_every_key_and_figure_is_documented() -> None:
     text = (Path(__file__).resolve().parents[2] / "docs" / "compare_json.md").read_text(
         encoding="utf-8"
@@ -149,6 +147,7 @@ def _module(path: Path) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 def test_without_matplotlib_everything_else_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -178,7 +177,7 @@ def test_mistakes_are_named_before_anything_is_recorded(tmp_path: Path) -> None:
             ergoqp.compare(problem, **options)
         assert said in str(error.value)
     (tmp_path / "not.npz").write_text("nothing")
-    with pytest.raises(InputError, match=r"sequence: not\.npz: got no \.npz file"):
+    with pytest.raises(InputError, match=r"sequence: not\.npz: is no \.npz file"):
         load_sequence(tmp_path / "not.npz")
     with warnings.catch_warnings():
         np.savez(tmp_path / "other.npz", P=np.eye(2))

@@ -13,12 +13,11 @@ from ergoqp.comparison.derive import CONTRADICTIONS, CURVATURE, SLAB
 from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.errors import InputError
 from ergoqp.limits import Limit
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.responses import LinearResponse
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.solvers.session import Qp, QpSequence, judge
+from ergoqp.step.layout import split
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import split
 
 
 @cache
@@ -64,9 +63,9 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
 def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
     """Of a loop of its own, step by step: the first QPs' answers lead where the stepper goes. Sent
     is the mean of the plan."""
+    from ergoqp.rest.best_place import awkward_start
+    from ergoqp.rest.model_person import sample_person
     from ergoqp.simulation.loop import run_loop
-    from ergoqp.simulation.people.alike import sample_person
-    from ergoqp.simulation.starts import awkward_start
 
     problem = load_problem("screwing")
     (part,) = recorded("screwing", 60)
@@ -103,6 +102,7 @@ def test_recording_is_repeatable_and_goes_on_with_another_person() -> None:
     }
 
 
+@pytest.mark.slow
 def test_derived_qps_are_what_they_are_called() -> None:
     for part in (*recorded("screwing", 60), *recorded("forearm", 40)):
         singular, nearly, infeasible = relatives(part, 9, seed=3)
@@ -130,6 +130,7 @@ def test_derived_qps_are_what_they_are_called() -> None:
             np.testing.assert_allclose(qp.A[rows + 2], qp.A[rows] + qp.A[rows + 1])
 
 
+@pytest.mark.slow
 def test_relaxed_qps_have_no_relatives() -> None:
     relaxed = next(
         part for part in recorded("low_bin", 150) if part.sequence.name.endswith(".relaxed")
@@ -137,6 +138,7 @@ def test_relaxed_qps_have_no_relatives() -> None:
     assert relatives(relaxed, 5, 0) == []
 
 
+@pytest.mark.slow
 def test_mistakes_are_named() -> None:
     problem = load_problem("forearm")
     with pytest.raises(InputError, match="steps: got 0"):

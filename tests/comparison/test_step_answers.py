@@ -15,10 +15,9 @@ from ergoqp.comparison.compare import relatives
 from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.limits import WorkspaceBox
 from ergoqp.solvers import SOLVERS, solver_named
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.session import QpAnswer, judge
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.qp import TOLERANCE, build_qp
+from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.stepper import Stepper
 
 

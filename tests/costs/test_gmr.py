@@ -14,7 +14,7 @@ from ergoqp.costs.cost import Cost
 from ergoqp.costs.gmr import Gmr, bic_curve
 from ergoqp.costs.load import load_cost
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import MissingExtraError, ModelError
 from ergoqp.sheets import reba
 
@@ -64,6 +64,7 @@ def predicted_by_the_book(cost, point):
     return value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["per_score", "joint"])
 def test_prediction_equals_dense_normal_densities(costs, unseen, variant):
     cost = costs[variant]

@@ -1,20 +1,17 @@
 """The quadratic cost: what least squares gives, convex, and the same in numbers, expression and
 file."""
 
-import sys
-
 import casadi as ca
 import numpy as np
 import pytest
 
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.load import load_cost
+from ergoqp.costs.load import load_cost, quality_of
 from ergoqp.costs.quadratic import Quadratic
-from ergoqp.costs.quality import quality_of
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
-from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.errors import ModelError
 from ergoqp.joints import INDEX
 
 NAMES = ("trunk_flexion", "neck_flexion", "left_elbow_flexion")
@@ -97,15 +94,6 @@ def test_points_are_a_state_too():
     x = rng.normal(size=(100, 6))
     cost = Quadratic.fit(DataSet(x, (x**2).sum(axis=1), FOREARM))
     np.testing.assert_allclose(cost.value_and_gradient(x[0])[1].full()[:, 0], 2 * x[0], atol=1e-9)
-
-
-def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
-    with pytest.raises(
-        MissingExtraError,
-        match=r"fitting a quadratic cost needs the package 'scipy': .*\[learn\]'`",
-    ):
-        Quadratic.fit(made([3.0, 0.5, 0.0]))
 
 
 def test_coefficients_that_do_not_fit_are_refused():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from ergoqp.costs.quality import cross_validate, quality_of, spearman
+from ergoqp.costs.load import cross_validate, quality_of, spearman
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import InputError
 

@@ -10,12 +10,10 @@ from sklearn.svm import SVR
 
 from ergoqp.costs.from_sklearn import from_sklearn
 from ergoqp.costs.load import load_cost
-from ergoqp.costs.reduce import reduced
-from ergoqp.costs.svr import Svr
+from ergoqp.costs.svr import Svr, reduced
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.learning.features import Columns
-from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.learning.kernels import Columns, Kernel, KernelSum
 
 
 def smooth_cost(n=300, distinct=None, seed=0):
@@ -84,6 +82,7 @@ def test_same_seed_same_groups():
     assert (one != three).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["rbf", "poly"])
 def test_an_estimator_of_scikit_learn_can_be_reduced(kernel, tmp_path):
     rng = np.random.default_rng(0)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ergoqp import JOINTS, reba
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.sheets.options import sheet_of

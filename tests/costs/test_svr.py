@@ -11,9 +11,9 @@ from ergoqp.costs.cost import Cost
 from ergoqp.costs.load import load_cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import ModelError
-from ergoqp.learning.features import Columns, Steps
+from ergoqp.learning.kernels import Columns, Steps
 
 svm = pytest.importorskip("sklearn.svm")
 
@@ -35,6 +35,7 @@ def cost(request, data):
     return Svr.fit(data, features=request.param)
 
 
+@pytest.mark.slow
 def test_predicts_what_scikit_learn_predicts(cost, data):
     points = sheet_data(10, 1).points
     estimator = svm.SVR(C=3.0, epsilon=0.3, gamma=3.0)
@@ -161,7 +162,7 @@ def test_a_most_of_support_vectors(tmp_path):
             np.random.default_rng(0).normal(size=(30, 3)),
             np.arange(30),
             {"epsilon": 1e3},
-            "allowed a smaller epsilon",
+            "use a smaller epsilon",
         ),
         (np.eye(30)[:, :3], np.arange(30), {"C": 0.0}, "C: got 0.0"),
         (np.eye(30)[:, :3], np.arange(30), {"gamma": np.inf}, "gamma: got inf"),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ergoqp.datasets.table import read_data
+from ergoqp.datasets.data import read_data
 from ergoqp.errors import ModelError
 
 

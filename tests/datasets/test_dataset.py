@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ergoqp import reba
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.sheets.options import sheet_of

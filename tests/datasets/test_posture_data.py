@@ -7,8 +7,7 @@ import pytest
 from ergoqp import reba
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS, Coordinates
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.datasets.postures import interval_labels, posture_data
-from ergoqp.datasets.stream import posture_stream
+from ergoqp.datasets.postures import interval_labels, posture_data, posture_stream
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.sheets.interval import interval_ranges

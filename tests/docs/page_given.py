@@ -17,10 +17,10 @@ from page_blocks import blocks_of
 import ergoqp
 from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY, RATE, moved, posture
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap.demo_recording import demo_recording
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.people import person_of_kind
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
 
 
 def _take() -> dict[str, Any]:

@@ -15,7 +15,7 @@ import pytest
 from page_blocks import Block, blocks_of
 from page_given import GIVEN
 
-from ergoqp.problem_files.load import problem_from_dict
+from ergoqp.problem.load import problem_from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -31,6 +31,7 @@ def _marked() -> list[Any]:
     return [pytest.param(page, id=page.relative_to(ROOT).as_posix()) for page in PAGES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", _marked())
 def test_the_blocks_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

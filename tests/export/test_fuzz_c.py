@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks import fuzz_c
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
+from tools import fuzz_c
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 

@@ -18,11 +18,14 @@ from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step.answer.causes import Status
-from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.causes import Status
+from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.stepper import Stepper
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc"),
+]
 
 
 @cache
@@ -52,7 +55,6 @@ def same(step: Any, answer: Any) -> None:
     np.testing.assert_allclose(answer.pose[:], step.pose.ravel(), atol=1e-9, rtol=0)
 
 
-@pytest.mark.slow
 def test_it_is_drawn_as_in_python_phase_by_phase(exported: tuple[Any, str]) -> None:
     problem, posture, best = task()
     firm = Guide(best.pose, firm=True)
@@ -83,7 +85,6 @@ def test_it_is_drawn_as_in_python_phase_by_phase(exported: tuple[Any, str]) -> N
     assert {0, 1, 2} <= seen
 
 
-@pytest.mark.slow
 def test_whatever_comes_in_the_answers_are_those_of_python(exported: tuple[Any, str]) -> None:
     problem, _, best = task()
     firm = Guide(best.pose, firm=True)
@@ -144,7 +145,6 @@ def test_a_place_that_is_none_is_refused_and_changes_nothing(exported: tuple[Any
         assert other.step(posture).twist[:] == again.step(posture).twist[:]
 
 
-@pytest.mark.slow
 def test_one_that_knows_descent_alone_says_so(tmp_path: Path) -> None:
     problem = ergoqp.load_problem("forearm")
     export_step(problem, tmp_path / "step")
@@ -159,7 +159,6 @@ def test_one_that_knows_descent_alone_says_so(tmp_path: Path) -> None:
     assert "descends the cost" in (tmp_path / "step/README.md").read_text()
 
 
-@pytest.mark.slow
 def test_the_command_takes_a_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, _, best = task()
     place = best.save(tmp_path / "optimum")

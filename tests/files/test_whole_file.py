@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ergoqp.files.whole import whole, whole_folder, write_whole
+from ergoqp.files.atomic import atomic_directory, atomic_write, write_text_atomic
 
 
 @contextmanager
@@ -28,11 +28,11 @@ def room_for(size: int) -> Iterator[None]:
 def test_what_is_written_takes_the_place_of_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     path.write_text("before")
-    with whole(path) as scratch:
+    with atomic_write(path) as scratch:
         assert scratch.suffix == ".html"
         scratch.write_text("after")
         assert path.read_text() == "before"
-    write_whole(tmp_path / "link", "x" * 10)
+    write_text_atomic(tmp_path / "link", "x" * 10)
     assert [each.name for each in sorted(tmp_path.iterdir())] == ["link", "page.html"]
     assert path.read_text() == "after"
 
@@ -40,7 +40,7 @@ def test_what_is_written_takes_the_place_of_what_was_there(tmp_path: Path) -> No
 def test_what_a_link_leads_to_is_written(tmp_path: Path) -> None:
     link = tmp_path / "link.json"
     link.symlink_to(tmp_path / "real.json")
-    write_whole(link, "new")
+    write_text_atomic(link, "new")
     assert link.is_symlink()
     assert (tmp_path / "real.json").read_text() == "new"
 
@@ -50,8 +50,8 @@ def test_on_a_full_disk_nothing_is_left_and_what_was_there_stays(tmp_path: Path)
     path.write_text("before")
     with room_for(1000):
         with pytest.raises(OSError, match="too large") as told:
-            write_whole(path, "x" * 5000)
-        with pytest.raises(OSError, match=r"run\.npz"), whole(numbers) as scratch:
+            write_text_atomic(path, "x" * 5000)
+        with pytest.raises(OSError, match=r"run\.npz"), atomic_write(numbers) as scratch:
             np.savez(scratch, values=np.zeros(1000))
     assert told.value.filename == str(path)
     assert [each.name for each in tmp_path.iterdir()] == ["run.json"]
@@ -60,13 +60,13 @@ def test_on_a_full_disk_nothing_is_left_and_what_was_there_stays(tmp_path: Path)
 
 def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_meant(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as told:
-        write_whole(tmp_path / "none" / "a.json", "x")
+        write_text_atomic(tmp_path / "none" / "a.json", "x")
     assert told.value.filename == str(tmp_path / "none" / "a.json")
 
 
 def test_what_ends_the_writing_leaves_nothing(tmp_path: Path) -> None:
     def interrupted() -> None:
-        with whole(tmp_path / "a.txt") as scratch:
+        with atomic_write(tmp_path / "a.txt") as scratch:
             scratch.write_text("half")
             raise KeyboardInterrupt
 
@@ -80,7 +80,7 @@ def test_a_folder_is_filled_whole_or_not_at_all(tmp_path: Path, there: bool) -> 
     folder = tmp_path / "export"
 
     def fill(text: str, size: int) -> None:
-        with whole_folder(folder) as scratch:
+        with atomic_directory(folder) as scratch:
             (scratch / "src").mkdir()
             (scratch / "README").write_text(text)
             (scratch / "src" / "step.c").write_text("x" * size)
@@ -111,7 +111,7 @@ def test_what_stands_in_the_way_is_named_before_anything_is_changed(tmp_path: Pa
     (folder / "README").write_text("before")
 
     def fill() -> None:
-        with whole_folder(folder) as scratch:
+        with atomic_directory(folder) as scratch:
             (scratch / "src").mkdir()
             (scratch / "README").write_text("after")
             (scratch / "src" / "step.c").write_text("x")
@@ -128,7 +128,7 @@ def test_a_folder_that_is_there_is_filled_from_within(tmp_path: Path) -> None:
     cannot be written."""
     folder = tmp_path / "mounted"
     folder.mkdir()
-    with whole_folder(folder) as scratch:
+    with atomic_directory(folder) as scratch:
         assert scratch.parent == folder
         (scratch / "step.c").write_text("x")
     assert [each.name for each in folder.iterdir()] == ["step.c"]
@@ -137,6 +137,6 @@ def test_a_folder_that_is_there_is_filled_from_within(tmp_path: Path) -> None:
 def test_many_threads_write_the_same_file(tmp_path: Path) -> None:
     path = tmp_path / "run.json"
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda number: write_whole(path, f"{number}" * 1000), range(10, 99)))
+        list(pool.map(lambda number: write_text_atomic(path, f"{number}" * 1000), range(10, 99)))
     assert len(set(path.read_text()[i : i + 2] for i in range(0, 2000, 2))) == 1
     assert [each.name for each in tmp_path.iterdir()] == ["run.json"]

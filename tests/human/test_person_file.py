@@ -9,10 +9,9 @@ import pytest
 
 from ergoqp.errors import InputError
 from ergoqp.human import FRACTIONS, Body
-from ergoqp.human.body import believable
-from ergoqp.human.marker import Marker
+from ergoqp.human.body import Marker, believable
 from ergoqp.human.person_file import given_person, person_with_markers, write_person
-from ergoqp.recordings.fitting.person import measured_person
+from ergoqp.mocap.assumptions import measured_person
 
 NAMES = ["LASI", "L ASI", "Ärm.1", 'with "quotes" and \\', "tab\tline\nbell\x07", "\x7f", "🦴", ""]
 
@@ -108,24 +107,24 @@ def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_pa
         ("", "required are a stature"),
         ("mass = 80", "required are a stature"),
         ("[lengths]", "required are a stature"),
-        ("stature = 1" + 400 * "0", "stature is 1000"),
-        ("stature = 1.8\nmass = 1" + 400 * "0", "mass is 1000"),
-        ("stature = nan", "stature is nan, allowed a number"),
-        ("stature = inf", "stature is inf, allowed a number"),
-        ("stature = true", "stature is True, allowed a number"),
-        ('stature = "tall"', "stature is 'tall', allowed a number"),
-        ("stature = [1.8]", "stature is [1.8], allowed a number"),
-        ("stature = 2020-01-01", "stature is datetime.date(2020, 1, 1), allowed a number"),
+        ("stature = 1" + 400 * "0", "stature: got "),
+        ("stature = 1.8\nmass = 1" + 400 * "0", "mass: got "),
+        ("stature = nan", "stature: got nan m, allowed 1.2"),
+        ("stature = inf", "stature: got inf m, allowed 1.2"),
+        ("stature = true", "stature: got True, allowed a number"),
+        ('stature = "tall"', "stature: got 'tall', allowed a number"),
+        ("stature = [1.8]", "stature: got [1.8], allowed a number"),
+        ("stature = 2020-01-01", "stature: got datetime.date(2020, 1, 1), allowed a number"),
         ("stature = 180", "stature: got 180"),
         ("stature = -1.8", "stature: got -1.8"),
         ("stature = 1.8\nmass = -3", "mass: got -3"),
-        ("stature = 1.8\nmass = 0", "mass: got 0.0 kg, allowed 20 to 300 kg"),
-        ("stature = 1.8\nmass = nan", "mass is nan, allowed a number"),
+        ("stature = 1.8\nmass = 0", "mass: got 0 kg, allowed 20 to 300 kg"),
+        ("stature = 1.8\nmass = nan", "mass: got nan kg, allowed 20"),
         ("height = 1.8", "got ['height'], allowed stature, mass"),
         ("stature = 1.8\n" + "\n".join(f"k{i} = 1" for i in range(99)), "allowed stature, mass"),
-        ("stature = 1.8\nlengths = 0.3", "lengths is 0.3, allowed a table"),
-        ("lengths = [0.3]", "lengths is [0.3], allowed a table"),
-        ("[lengths]\nupper_arm = 'long'", "lengths.upper_arm is 'long', allowed a number"),
+        ("stature = 1.8\nlengths = 0.3", "lengths: got 0.3, allowed a table"),
+        ("lengths = [0.3]", "lengths: got [0.3], allowed a table"),
+        ("[lengths]\nupper_arm = 'long'", "length of upper_arm: got 'long', allowed a number"),
         ("[lengths]\nupper_arm = 300", "length of upper_arm: got 300"),
         ("stature = 1.8\n[lengths]\nupper_arm = 0.9", "got 0.900 m, allowed 0.201 to 0.536 m"),
         (
@@ -154,29 +153,38 @@ LASI = "stature = 1.8\n[markers.LASI]\n"
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("stature = 1.8\nmarkers = 3", "markers is 3, allowed a table for each marker"),
+        ("stature = 1.8\nmarkers = 3", "markers: got 3, allowed a table for each marker"),
         (
             "stature = 1.8\n[markers]\nLASI = 3",
-            "markers.LASI is 3, allowed a table of frame, offset",
+            "markers.LASI: got 3, allowed a table of frame, offset",
         ),
         (
             "stature = 1.8\n[markers]\nLASI = {}",
-            "markers.LASI.frame is None, allowed one of pelvis, trunk",
+            "markers.LASI.frame: got None, allowed pelvis, trunk",
         ),
-        (LASI + "at = 'pelvis'", "markers.LASI is {'at': 'pelvis'}, allowed a table of frame"),
-        (LASI + "frame = 'hip'\noffset = [0, 0, 0]", "markers.LASI.frame is 'hip', allowed one of"),
-        (LASI + "frame = []\noffset = [0, 0, 0]", "markers.LASI.frame is [], allowed one of"),
-        (LASI + "frame = 'pelvis'", "markers.LASI.offset is None, allowed three lengths in m"),
-        (LASI + "frame = 'pelvis'\noffset = [0, 0]", "offset is [0, 0], allowed three lengths"),
-        (LASI + "frame = 'pelvis'\noffset = 'here'", "offset is 'here', allowed three lengths"),
-        (LASI + "frame = 'pelvis'\noffset = [0, 'a', 0]", "offset is 'a', allowed a number"),
-        (LASI + "frame = 'pelvis'\noffset = [0, nan, 0]", "offset is nan, allowed a number"),
+        (LASI + "at = 'pelvis'", "markers.LASI: got {'at': 'pelvis'}, allowed a table of frame"),
+        (
+            LASI + "frame = 'hip'\noffset = [0, 0, 0]",
+            "markers.LASI.frame: got 'hip', allowed pelvis",
+        ),
+        (LASI + "frame = []\noffset = [0, 0, 0]", "markers.LASI.frame: got [], allowed pelvis"),
+        (LASI + "frame = 'pelvis'", "markers.LASI.offset: got None, allowed three lengths in m"),
+        (LASI + "frame = 'pelvis'\noffset = [0, 0]", "offset: got [0, 0], allowed three lengths"),
+        (LASI + "frame = 'pelvis'\noffset = 'here'", "offset: got 'here', allowed three lengths"),
+        (LASI + "frame = 'pelvis'\noffset = [0, 'a', 0]", "offset: got 'a', allowed a number"),
+        (LASI + "frame = 'pelvis'\noffset = [0, nan, 0]", "offset: got nan, allowed -2 to 2"),
         (
             LASI + "frame = 'pelvis'\noffset = [90, 120, 10]",
-            "offset is 90, allowed a number from",
+            "offset: got 90, allowed -2 to 2",
         ),
-        (LASI + "frame = 'pelvis'\noffset = [0, 0, 0]\nresidual = -1", "residual is -1, allowed"),
-        (LASI + "frame = 'pelvis'\noffset = [0, 0, 0]\nresidual = inf", "residual is inf, allowed"),
+        (
+            LASI + "frame = 'pelvis'\noffset = [0, 0, 0]\nresidual = -1",
+            "residual: got -1 m, allowed",
+        ),
+        (
+            LASI + "frame = 'pelvis'\noffset = [0, 0, 0]\nresidual = inf",
+            "residual: got inf m, allowed",
+        ),
     ],
 )
 def test_markers_that_sit_nowhere_are_refused(tmp_path: Path, text: str, sentence: str) -> None:
@@ -213,5 +221,7 @@ def test_a_file_without_a_name() -> None:
 
 @pytest.mark.parametrize("path", ["none.toml", "", ".", "a\x00b", "x" * 5000])
 def test_a_file_that_is_none(path: str) -> None:
-    with pytest.raises(InputError, match=r"^person file: .*allowed a file$"):
+    with pytest.raises(
+        InputError, match=r"^person file: .*(no such file|cannot be read: .*|allowed a file)$"
+    ):
         given_person(path)

@@ -12,8 +12,8 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.identification.calibrate import _Fit
 from ergoqp.joints import INDEX
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.settings import Frames
 
 TRUE = Frames(
     [0.9, 0.2, 0.7, 0.1, 0.2, 0.3, np.sqrt(0.86)], [0.03, -0.02, 0.15, 0.5, -0.5, 0.5, 0.5]

@@ -11,11 +11,10 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.identification.identify import Identified, Identifier
-from ergoqp.identification.promising import LIKELY, Promise, Promising, chosen
-from ergoqp.identification.unexplained import WIDTHS, Unexplained
+from ergoqp.identification.identify import WIDTHS, Identified, Identifier, Unexplained
+from ergoqp.identification.promising import LIKELY, Candidate, CandidateSearch, chosen
 from ergoqp.joints import JOINTS
-from ergoqp.problem.workspace import Workspace
+from ergoqp.problem.geometry import Workspace
 from ergoqp.simulation.people import person_of_kind
 
 NOISE = np.radians(2.0) / np.sqrt(5)
@@ -96,6 +95,7 @@ def test_half_of_what_is_read_too_much_everywhere_is_taken_for_a_habit() -> None
     assert 0.4 < np.mean(added) / bias < 0.65
 
 
+@pytest.mark.slow
 def test_a_joint_that_was_not_seen_is_as_unsure_as_can_be() -> None:
     problem, rests, _ = rests_of_kind("follower", "dentist", 1)
     hidden = identified("follower", "dentist", 1).joints[4]
@@ -117,6 +117,7 @@ def test_the_person_is_a_response_and_a_body() -> None:
     assert step.status in ("optimal", "settled", "relaxed", "recovering")
 
 
+@pytest.mark.slow
 def test_what_rests_do_not_say_stays_wide() -> None:
     person = identified("alike", "screwing", 1)
     comfort = person.comfort_deg
@@ -135,6 +136,7 @@ def test_joints_that_are_not_seen_do_not_count() -> None:
     assert off_deg(ergoqp.identify(problem, hidden), unseen) < 4.0
 
 
+@pytest.mark.slow
 def test_a_rest_that_fits_nobody_counts_little() -> None:
     problem, rests, unseen = rests_of_kind("alike", "desk", 1)
     odd = rests[0][0].copy()
@@ -151,7 +153,7 @@ def test_time_is_bounded() -> None:
 
 def test_places_are_promised_by_what_is_gained() -> None:
     problem, _, _ = rests_of_kind("follower", "dentist", 1)
-    person, promising = identified("follower", "dentist", 1), Promising(problem, 2.0)
+    person, promising = identified("follower", "dentist", 1), CandidateSearch(problem, 2.0)
     places = promising.places(person, 5.0)
     gains = [place.gain for place in places]
     assert gains == sorted(gains, reverse=True)
@@ -172,7 +174,7 @@ def test_places_are_promised_by_what_is_gained() -> None:
 def test_where_more_is_unsure_more_may_be_gained() -> None:
     person, promising = (
         identified("follower", "dentist", 1),
-        Promising(ergoqp.load_problem("dentist"), 2.0),
+        CandidateSearch(ergoqp.load_problem("dentist"), 2.0),
     )
     far = np.eye(4)
     far[:3, 3] = 50.0
@@ -192,9 +194,9 @@ def test_where_more_is_unsure_more_may_be_gained() -> None:
 def test_places_are_chosen_for_what_they_add_to_each_other() -> None:
     likely = np.ones(LIKELY)
     half = np.arange(LIKELY) % 2
-    first = Promise(np.eye(4), 1.0, 1.0, 2 * likely + half)
-    same = Promise(np.eye(4), 1.0, 1.0, 2 * likely + half + 0.01)
-    other = Promise(np.eye(4), 0.5, 1.0, 3.05 * likely - half)
+    first = Candidate(np.eye(4), 1.0, 1.0, 2 * likely + half)
+    same = Candidate(np.eye(4), 1.0, 1.0, 2 * likely + half + 0.01)
+    other = Candidate(np.eye(4), 0.5, 1.0, 3.05 * likely - half)
     assert chosen([same, other, first], 2) == [first, other]
     assert len(chosen([same], 3)) == 1
 

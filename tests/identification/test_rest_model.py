@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.growth import GROWTH
+from ergoqp.human.body import GROWTH
 from ergoqp.identification.rest_model import RestModel, situation_of
-from ergoqp.problem.workspace import Workspace
-from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.problem.geometry import Workspace
+from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.rest.model_person import ModelPerson
 
 
 @cache
@@ -23,7 +23,7 @@ def model_of(name: str) -> RestModel:
 def reached(name: str, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Places, and how the problem's own person settles there."""
     problem = load_problem(name)
-    person, found = Alike(problem.response), []
+    person, found = ModelPerson(problem.response), []
     comfort = problem.response.comfort
     for point in Workspace(problem).spread(20):
         pose = Workspace(problem).pose(point)
@@ -50,6 +50,7 @@ def test_it_rests_where_a_person_settles(name: str) -> None:
     assert max(apart) < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["desk", "screwing"])
 def test_slopes_are_those_of_the_rests_themselves(name: str) -> None:
     model = model_of(name)

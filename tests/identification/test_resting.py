@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ergoqp.identification.resting import LONGEST, Resting, RestWatch
+from ergoqp.identification.loops import LONGEST, Resting, RestWatch
 
 DT = 0.01
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.identification.unexplained import NOISES, REACH, WIDTHS, Unexplained
-from ergoqp.problem.workspace import turn_about
+from ergoqp.identification.identify import NOISES, REACH, WIDTHS, Unexplained
+from ergoqp.problem.geometry import turn_about
 
 JOINTS = 3
 NOISE = NOISES[1]

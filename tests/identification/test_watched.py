@@ -13,19 +13,18 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.files import npz
-from ergoqp.identification.delay import delay_of
+from ergoqp.files import read as npz
 from ergoqp.identification.identify import Identifier
-from ergoqp.identification.watched import Watched, rests_in, watched
+from ergoqp.identification.loops import LoopLog, delay_of, rests_in, watched
+from ergoqp.rest.best_place import awkward_place
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run
-from ergoqp.simulation.starts import awkward_place
 
 DT = 0.01
 
 
-def led(late: float, noise_deg: float = 0.0, moves: bool = True, seed: int = 0) -> Watched:
+def led(late: float, noise_deg: float = 0.0, moves: bool = True, seed: int = 0) -> LoopLog:
     """Postures that are linear in where the object was `late` seconds before."""
     rng, n = np.random.default_rng(seed), 2000
     time = DT * np.arange(n)
@@ -40,7 +39,7 @@ def led(late: float, noise_deg: float = 0.0, moves: bool = True, seed: int = 0) 
     poses[:, :3, 3] = way(time)
     postures[:] = 0.3 + way(time - late) @ rng.normal(size=(3, 32))
     postures += np.radians(noise_deg) * rng.standard_normal(postures.shape)
-    return Watched(time, postures, poses)
+    return LoopLog(time, postures, poses)
 
 
 @cache
@@ -69,9 +68,9 @@ def test_a_delay_is_not_made_up() -> None:
     assert delay_of(led(0.2, moves=False)) is None
     lost = led(0.2)
     noise = np.random.default_rng(0).standard_normal(lost.postures.shape)
-    assert delay_of(Watched(lost.time, noise, lost.poses)) is None
-    assert delay_of(Watched(lost.time, lost.postures * np.nan, lost.poses)) is None
-    assert delay_of(Watched(lost.time[:50], lost.postures[:50], lost.poses[:50])) is None
+    assert delay_of(LoopLog(lost.time, noise, lost.poses)) is None
+    assert delay_of(LoopLog(lost.time, lost.postures * np.nan, lost.poses)) is None
+    assert delay_of(LoopLog(lost.time[:50], lost.postures[:50], lost.poses[:50])) is None
     assert delay_of(led(0.9)) is None, "longer than any that is tried"
 
 
@@ -80,7 +79,7 @@ def test_lost_frames_and_uneven_periods_do_not_matter() -> None:
     loop.postures[rng.random(len(loop.time)) < 0.2] = np.nan
     loop.postures[:, 4] = np.nan
     kept = rng.random(len(loop.time)) < 0.7
-    loop = Watched(loop.time[kept], loop.postures[kept], loop.poses[kept])
+    loop = LoopLog(loop.time[kept], loop.postures[kept], loop.poses[kept])
     assert delay_of(loop) == pytest.approx(0.2, abs=0.01)
 
 
@@ -91,7 +90,7 @@ def test_every_stay_is_one_rest_the_last() -> None:
     time = DT * np.arange(n)
     poses[:, 0, 3] = 0.2 * (time // 10) + 0.1 * np.minimum(time % 10, 2.0)
     postures[:] = (time // 10)[:, None] + 0.001 * (time % 10)[:, None]
-    found = rests_in(Watched(time, postures, poses))
+    found = rests_in(LoopLog(time, postures, poses))
     assert len(found) == 3
     assert [round(float(rest.pose[0, 3]), 6) for rest in found] == [0.2, 0.4, 0.6]
     assert [rest.posture[0] // 1 for rest in found] == [0, 1, 2]
@@ -132,6 +131,7 @@ def test_what_a_log_did_not_see_is_not_seen() -> None:
     np.testing.assert_allclose(loop.poses[0, 3], [0, 0, 0, 1])
 
 
+@pytest.mark.slow
 def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
     problem, log, _, _ = logged()
     with pytest.raises(InputError, match=r"rests: got the folder .*, allowed one that a run"):
@@ -143,6 +143,7 @@ def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
         ergoqp.identify(problem, [blind])
 
 
+@pytest.mark.slow
 def test_what_a_stepper_refused_and_its_braking_are_no_samples() -> None:
     problem, log, _, _ = logged()
     kept = watched(log)
@@ -158,11 +159,23 @@ def test_what_a_stepper_refused_and_its_braking_are_no_samples() -> None:
     assert ergoqp.identify(problem, entries).rests >= 1
 
 
+@cache
+def logged_shortly() -> tuple[Any, list[dict[str, Any]]]:
+    """The first steps of a loop: the problem, and what the stepper's log got."""
+    problem, log = ergoqp.load_problem("screwing"), []
+    posture = problem.response.comfort
+    stepper = ergoqp.Stepper(problem, log=log.append)
+    pose = ergoqp.Stepper(problem).step(posture).pose
+    for _ in range(40):
+        pose = moved(pose, stepper.step(posture, pose).twist * stepper.dt)
+    return problem, log
+
+
 @pytest.mark.parametrize("name", ["age", "ask", "frame", "observed", "posture", "pose", "dt"])
 @pytest.mark.parametrize("wrong", [None, "text", [1.0, 2.0, 3.0], np.zeros((2, 2, 2))])
 def test_entries_that_are_nearly_right_are_one_sentence(name: str, wrong: Any) -> None:
-    problem, log, _, _ = logged()
-    entries = [dict(entry) for entry in log[:40]]
+    problem, log = logged_shortly()
+    entries = [dict(entry) for entry in log]
     del entries[7][name]
     with pytest.raises(InputError, match=r"^rests: entry 7 of the log is not one of a stepper's"):
         ergoqp.identify(problem, entries)
@@ -171,6 +184,7 @@ def test_entries_that_are_nearly_right_are_one_sentence(name: str, wrong: Any) -
         ergoqp.identify(problem, entries)
 
 
+@pytest.mark.slow
 def test_a_folder_with_a_pipe_or_too_much_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,10 +195,11 @@ def test_a_folder_with_a_pipe_or_too_much_is_refused_at_once(
         ergoqp.identify(problem, tmp_path)
     (tmp_path / "run.npz").unlink()
     os.mkfifo(tmp_path / "run.npz")
-    with pytest.raises(InputError, match=r"^rests: got the folder .*got no file"):
+    with pytest.raises(InputError, match=r"^rests: got the folder .*is no file"):
         ergoqp.identify(problem, tmp_path)
 
 
+@pytest.mark.slow
 def test_folders_of_anything_are_one_sentence(tmp_path: Path) -> None:
     problem, _, run, _ = logged()
     run.save(tmp_path)

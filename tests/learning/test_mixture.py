@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ergoqp.errors import ModelError
-from ergoqp.learning.mixture_regression import MixtureRegression
+from ergoqp.learning.mixtures import MixtureRegression
 
 
 def mixture(columns=5, count=4, seed=0):

@@ -43,7 +43,7 @@ def test_a_cut_file_is_refused_wherever_it_was_cut(path):
     for length in (0, 1, 30, len(whole) // 2, len(whole) - 30, len(whole) - 1):
         path.write_bytes(whole[:length])
         with pytest.raises(
-            ModelError, match=r"no \.npz file|not a model file|cannot be read"
+            ModelError, match=r"is no \.npz file|not a model file|cannot be read"
         ) as error:
             load_model(path)
         one_sentence(error)
@@ -96,7 +96,7 @@ def test_the_checksum_covers_everything(path, change):
 
 def test_other_files_are_refused(path):
     rewrite(path, lambda header, entries: header.update(format="another"))
-    with pytest.raises(ModelError, match=f"another format, allowed {FORMAT}"):
+    with pytest.raises(ModelError, match=f"another format; {FORMAT}"):
         load_model(path)
     for content in (b"some text\n", b"\x93NUMPY\x01\x00"):
         path.write_bytes(content)
@@ -119,11 +119,11 @@ def test_pickled_objects_are_not_read(path):
 
 def test_a_missing_file_and_a_folder_are_named(path, tmp_path):
     path.unlink()
-    with pytest.raises(ModelError, match=r"is not there, allowed a \.npz file") as error:
+    with pytest.raises(ModelError, match=r"no such file") as error:
         load_model(path)
     one_sentence(error)
     path.mkdir()
-    with pytest.raises(ModelError, match="got no file"):
+    with pytest.raises(ModelError, match="is no file"):
         load_model(path)
 
 

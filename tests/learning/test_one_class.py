@@ -162,7 +162,7 @@ def test_saved_and_loaded_is_the_same(tmp_path):
 
 def test_other_files_are_named(tmp_path):
     path = tmp_path / "region.npz"
-    with pytest.raises(ModelError, match=r"region\.npz: is not there"):
+    with pytest.raises(ModelError, match=r"region\.npz: no such file"):
         load_one_class(path)
     save_model(path, {"kind": "svr"}, {})
     with pytest.raises(ModelError, match="holds a model of kind 'svr', allowed 'one_class'"):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.limits import ArmLength, JointLimit, TwistLimit
-from ergoqp.limits.arm_length import RETURN
+from ergoqp.limits.state import RETURN
 from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.simulation.check import Checker
 from ergoqp.step.stepper import Stepper

@@ -16,16 +16,16 @@ import ergoqp
 from ergoqp.errors import InputError, OutOfReachError, ProblemError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
+from ergoqp.problem.load import load_problem, problem_from_dict
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem_files.load import load_problem, problem_from_dict
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.guide.place import Guide
-from ergoqp.step.guide.trial import THERE, TRIAL
+from ergoqp.step.delay import _hard_rows
+from ergoqp.step.guide import Guide
 from ergoqp.step.model import StepModel
+from ergoqp.step.rest import THERE, TRIAL
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.under_way.landing import _hard_rows
 
 REGIONS = {
     "half_space": HalfSpace((1, -2, 0.5), 0.1),
@@ -147,7 +147,7 @@ def journey(
     goal = begin.copy()
     goal[:3, 3] += GOAL
     stepper = Stepper(base, guide=Guide(goal, -100.0))
-    # On the journey at once, see `ergoqp.step.guide.trial.TRIAL`.
+    # On the journey at once, see `ergoqp.step.rest.TRIAL`.
     state = stepper.state()
     state[-TRIAL:][:5] = THERE, 0.0, 0.0, 5.0, 1e9
     stepper.restore(state)
@@ -221,6 +221,7 @@ def test_the_half_space_is_that_of_where_the_object_is_and_not_where_it_lands() 
     np.testing.assert_allclose(row, [*(away / np.linalg.norm(away)), 0, 0, 0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
     problem = bold(problem_of("screwing"))
     comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]

@@ -8,9 +8,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from contexts import ask
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from situations import ask
 
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
@@ -149,7 +149,7 @@ def test_cone_row_is_the_derivative_amid_the_swing_and_never_promises_room_that_
         now = angle(pose[:3, 0], cone.direction)
         if not 0.02 < now < 3.1:
             continue
-        matrix, below, above, _, margins = ask(cone, pose=pose, swing=swing)
+        matrix, below, above, _, margins = ask(cone, pose=pose, stop_displacement=swing)
         assert np.isinf(below).all()
         margin = np.radians(50) - now
         assert margins[0] == pytest.approx(margin, abs=1e-9)
@@ -172,7 +172,10 @@ def test_cone_on_its_own_axis_and_opposite_to_it_is_finite() -> None:
     for sign in (1, -1):
         pose = np.diag([sign, sign, 1.0, 1.0])
         matrix, _, above, _, margins = ask(
-            AxisCone((1, 0, 0), 35), pose=pose, swing=np.ones(6), displacement=np.ones(6) * 0.1
+            AxisCone((1, 0, 0), 35),
+            pose=pose,
+            stop_displacement=np.ones(6),
+            displacement=np.ones(6) * 0.1,
         )
         assert np.isfinite(matrix).all()
         assert np.isfinite(above).all()
@@ -215,7 +218,7 @@ def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(
         landed = moved(pose, np.array([0, 0, 0, *sum(turns)]))
         matrix = ask(cone, pose=landed)[0][0, 3:]
         # A turn that leads away from the end is not counted on: see
-        # `ergoqp.step.under_way.motion.way_of`.
+        # `ergoqp.step.delay`.
         lost = sum(max(0.0, -matrix @ turn) for turn in turns)
         turn = sum(float(np.linalg.norm(turn)) for turn in turns)
         further = np.array([0, 0, 0, *(rng.normal(size=3) * rng.uniform(0, 0.2))])
@@ -257,14 +260,14 @@ def test_joint_rows_are_where_the_joints_will_be_when_what_is_under_way_is_done(
 
 
 def test_only_what_was_narrowed_is_asked_back_and_only_where_that_is_wanted() -> None:
-    assert not any(NARROW.returns)
-    assert not any(JointLimit(recover=True).returns)
+    assert not any(NARROW.recovers)
+    assert not any(JointLimit(recover=True).recovers)
     asking = JointLimit(ranges_deg={"trunk_flexion": (-5, 40)}, recover=True)
-    assert [name for name, returns in zip(JOINTS, asking.returns, strict=True) if returns] == [
+    assert [name for name, returns in zip(JOINTS, asking.recovers, strict=True) if returns] == [
         "trunk_flexion"
     ]
-    assert all(BOX.returns)
-    assert all(CONES[0].returns)
+    assert all(BOX.recovers)
+    assert all(CONES[0].recovers)
 
 
 def test_joint_margins_look_along_the_way() -> None:
@@ -342,7 +345,7 @@ def test_names_tell_rows_apart() -> None:
         (lambda: AxisCone((1, 0, 0), 0), "half_angle_deg: got 0 deg, allowed 1e-06 to 170 deg"),
         (lambda: AxisCone((1, 0, 0), 180), "half_angle_deg: got 180"),
         (lambda: AxisCone((1, 0, 0), np.nan), "half_angle_deg: got nan"),
-        (lambda: TwistLimit(linear_speed=0), "linear_speed: got 0, allowed 1e-09 to 1e"),
+        (lambda: TwistLimit(linear_speed=0), "linear_speed: got 0 m/s, allowed 1e-09 to 1e"),
         (lambda: TwistLimit(angular_speed=-1), "angular_speed: got -1"),
         (lambda: TwistLimit(linear_acceleration=np.inf), "linear_acceleration: got inf"),
         (lambda: TwistLimit(angular_acceleration=np.nan), "angular_acceleration: got nan"),
@@ -367,18 +370,18 @@ def test_names_tell_rows_apart() -> None:
             lambda: JointLimit(ranges_deg={"trunk_flexion": (np.nan, 20)}),
             "ranges_deg of trunk_flexion: got .nan, 20., allowed two numbers",
         ),
-        (lambda: JointLimit(rate_deg=0), "rate_deg: got 0, allowed 0.001"),
+        (lambda: JointLimit(rate_deg=0), "rate_deg: got 0 deg/s, allowed 0.001"),
         (lambda: JointLimit(rate_deg=np.nan), "rate_deg: got nan"),
         (lambda: JointLimit(recovery_time=-1), "recovery_time: got -1"),
-        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf, allowed 0.001 to 10000"),
-        (lambda: JointLimit(yield_zone_deg=np.inf), "yield_zone_deg: got inf, allowed 0 to 20"),
+        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf deg/s, allowed 0.001 to 10000"),
+        (lambda: JointLimit(yield_zone_deg=np.inf), "yield_zone_deg: got inf deg, allowed 0 to 20"),
         (lambda: JointLimit(tolerance_deg=np.nan), "tolerance_deg: got nan"),
         (lambda: JointLimit(rate_deg="a"), "rate_deg: got 'a'"),  # type: ignore[arg-type]
         (lambda: TwistLimit(aside=10**400), "aside: got 1000"),
         (lambda: JointLimit(tolerance_deg="a"), "tolerance_deg: got 'a'"),  # type: ignore[arg-type]
         (
             lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), tolerance=np.nan),
-            "workspace tolerance: got nan, allowed",
+            "workspace tolerance: got nan m, allowed",
         ),
         (
             lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=0.0),
@@ -391,7 +394,7 @@ def test_names_tell_rows_apart() -> None:
         (lambda: AxisCone((1, 0, 0), 20, tolerance=None), "tool axis tolerance: got None"),
         (lambda: AxisCone((1, 0, 0), 20, recovery_time=-1.0), "tool axis recovery_time: got -1.0"),
         (lambda: TwistLimit(aside=-1.0), "aside: got -1.0"),
-        (lambda: TwistLimit(aside=1000.5), "aside: got 1000.5, allowed 0 to 1000"),
+        (lambda: TwistLimit(aside=1000.5), "aside: got 1000.5 m/s\\^2, allowed 0 to 1000 m/s"),
     ],
 )
 def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
@@ -399,11 +402,11 @@ def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
         make()
 
 
-@pytest.mark.parametrize("part", ["matrix", "below", "above", "rate", "reserve"])
+@pytest.mark.parametrize("part", ["matrix", "to_lower", "to_upper", "rate", "curvature_margin"])
 def test_rows_of_several_sizes_are_refused(part: str) -> None:
     parts = {
         name: ca.SX(2, 6 if name == "matrix" else 1)
-        for name in ("matrix", "below", "above", "rate", "reserve")
+        for name in ("matrix", "to_lower", "to_upper", "rate", "curvature_margin")
     }
     Rows(**parts)
     with pytest.raises(ProblemError, match=f"rows whose {part} has shape"):

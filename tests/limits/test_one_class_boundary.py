@@ -10,15 +10,15 @@ from step_samples import held_pose
 import ergoqp
 from benchmarks.boundary import FirstOrder, Outward, draw_case, unchecked
 from ergoqp.coordinates import FOREARM, SCORED_JOINTS
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.learning.one_class import OneClass
-from ergoqp.limits import ArmLength, OneClassBoundary, Situation, TwistLimit
+from ergoqp.limits import ArmLength, LimitContext, OneClassBoundary, TwistLimit
 from ergoqp.responses import LinearResponse
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
 
@@ -208,8 +208,8 @@ def test_a_persons_posture_outside_the_data_is_named_not_made_worse_and_moves_no
 
 
 def test_only_a_state_that_is_commanded_asks_to_come_back(case):
-    assert OneClassBoundary(case.model, hard=True).returns == (True,)
-    assert OneClassBoundary(case.model).returns == (False,)
+    assert OneClassBoundary(case.model, hard=True).recovers == (True,)
+    assert OneClassBoundary(case.model).recovers == (False,)
 
 
 def test_terms_that_do_not_fit_are_refused(arm):
@@ -245,21 +245,21 @@ def asked(limit, model, start, step, ahead, swing, change):
         "pose": ca.SX.eye(4),
         "sensitivity": ca.SX.eye(6),
     }
-    situation = Situation(
+    context = LimitContext(
         posture=q,
         **nothing,
-        swing=given["swing"],
+        stop_displacement=given["swing"],
         change=given["change"],
         readings={limit.name: reading},
-        ahead=given["ahead"],
+        pending_displacement=given["ahead"],
         shift=given["ahead"],
     )
-    rows = limit.rows(situation)
+    rows = limit.rows(context)
     outputs = [
-        limit.margins(situation, given["displacement"]),
+        limit.margins(context, given["displacement"]),
         rows.matrix,
-        rows.below,
-        rows.reserve,
+        rows.to_lower,
+        rows.curvature_margin,
     ]
     function = ca.Function(
         "asked", [q, reading, *given.values()], [ca.densify(ca.SX(part)) for part in outputs]

@@ -12,14 +12,13 @@ import pytest
 from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, problem_of
 
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.limits import Ball, KeepOut, Rows, Situation, WorkspaceBox
+from ergoqp.limits import Ball, KeepOut, LimitContext, Rows, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import workspace_map
+from ergoqp.rest.best_place import awkward_start, workspace_map
+from ergoqp.rest.model_person import ModelPerson, sample_person
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import Alike, sample_person
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
 
@@ -33,36 +32,36 @@ class HalfSpace:
     recovery_time: float = 2.0
     yield_zone: float = 0.0
     hard = True
-    proven = False
+    margin_is_lower_bound = False
     unit = "m"
     names = ("wall",)
-    returns = (True,)
+    recovers = (True,)
 
     def measure(self) -> None:
         """Need nothing."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """One row, with one end."""
         matrix = ca.SX(1, 6)
         matrix[0, :3] = ca.DM(self.normal).T
-        far = ca.dot(ca.DM(self.normal), situation.pose[:3, 3]) - self.least
+        far = ca.dot(ca.DM(self.normal), context.pose[:3, 3]) - self.least
         free = ca.SX([ca.inf])
-        return situation.counted("wall", Rows(matrix, far, free, free, ca.SX(1, 1)))
+        return context.reduced("wall", Rows(matrix, far, free, free, ca.SX(1, 1)))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Exact: it is straight."""
-        return straight_margins(self.rows(situation), displacement, situation)
+        return straight_margins(self.rows(context), displacement, context)
 
 
 @dataclass(frozen=True)
 class Said(HalfSpace):
     """One that says in a word what it holds."""
 
-    holds: object = None
+    kind: object = None
 
-    def __init__(self, normal: tuple[float, float, float], least: float, holds: object) -> None:
+    def __init__(self, normal: tuple[float, float, float], least: float, kind: object) -> None:
         super().__init__(normal, least)
-        object.__setattr__(self, "holds", holds)
+        object.__setattr__(self, "kind", kind)
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,10 @@ class Elbows:
     recovery_time: float = 1.0
     yield_zone: float = 0.0
     hard = False
-    proven = False
+    margin_is_lower_bound = False
     unit = "rad"
     names: tuple[str, ...] = ("elbows",)
-    returns = (True,)
+    recovers = (True,)
     joints: tuple[int, ...] = field(default=())
 
     def measure(self) -> ca.Function:
@@ -86,18 +85,18 @@ class Elbows:
         q = ca.MX.sym("q", 32)
         return ca.Function("sum", [q], [ca.sum1(q[list(self.joints)])])
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """One row through S."""
-        matrix = ca.sum1(situation.sensitivity[list(self.joints), :])
-        shift = ca.sum1(situation.shift[list(self.joints)])
+        matrix = ca.sum1(context.sensitivity[list(self.joints), :])
+        shift = ca.sum1(context.shift[list(self.joints)])
         free = ca.SX([ca.inf])
         return Rows(
-            matrix, situation.readings["elbows"] + shift - self.least, free, free, ca.SX(1, 1)
+            matrix, context.readings["elbows"] + shift - self.least, free, free, ca.SX(1, 1)
         )
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Straight in the model."""
-        return straight_margins(self.rows(situation), displacement)
+        return straight_margins(self.rows(context), displacement)
 
 
 def walled(least: float, name: str = "screwing") -> Problem:
@@ -128,10 +127,10 @@ def test_a_box_whose_rows_are_others_is_judged_by_them_too() -> None:
 
     @dataclass(frozen=True)
     class Narrow(WorkspaceBox):
-        def rows(self, situation: Situation) -> Rows:
+        def rows(self, context: LimitContext) -> Rows:
             """Half of it."""
-            rows = super().rows(situation)
-            return replace(rows, above=rows.above - 0.1)
+            rows = super().rows(context)
+            return replace(rows, to_upper=rows.to_upper - 0.1)
 
     class Named(WorkspaceBox):
         names = ("named x", "named y", "named z")
@@ -144,11 +143,11 @@ def test_a_box_whose_rows_are_others_is_judged_by_them_too() -> None:
     assert problem.replace(limits=[named, first, *others]).own_limits.limits == (first,)
 
 
-@pytest.mark.parametrize("holds", ["workspace", "joints"])
-def test_a_word_for_what_it_holds_judges_nothing_by_itself(holds: str) -> None:
+@pytest.mark.parametrize("kind", ["workspace", "joints"])
+def test_a_word_for_what_it_holds_judges_nothing_by_itself(kind: str) -> None:
     """A wall that said to hold the workspace, and stood first, was judged by nobody."""
     pose = held_pose("screwing")
-    wall, problem = Said((1.0, 0.0, 0.0), float(pose[0, 3]) + 0.05, holds), problem_of("screwing")
+    wall, problem = Said((1.0, 0.0, 0.0), float(pose[0, 3]) + 0.05, kind), problem_of("screwing")
     problem = problem.replace(limits=[wall, *problem.limits])
     assert problem.own_limits.limits == (wall,)
     with pytest.raises(InputError, match="which is outside wall"):
@@ -161,15 +160,15 @@ def test_a_word_for_what_it_holds_judges_nothing_by_itself(holds: str) -> None:
     assert broken == ["wall"]
 
 
-@pytest.mark.parametrize("holds", ["height", "", 5, ["workspace"]])
-def test_a_word_that_nobody_knows_is_refused(holds: object) -> None:
+@pytest.mark.parametrize("kind", ["height", "", 5, ["workspace"]])
+def test_a_word_that_nobody_knows_is_refused(kind: object) -> None:
     problem = problem_of("screwing")
     with pytest.raises(
         ProblemError,
-        match=r"^limits: holds of wall: got .*, allowed workspace, tool axis, joints, boundary,"
+        match=r"^limits: kind of wall: got .*, allowed workspace, tool axis, joints, boundary,"
         " length, or None$",
     ):
-        problem.replace(limits=[*problem.limits, Said((1.0, 0.0, 0.0), 0.1, holds)])
+        problem.replace(limits=[*problem.limits, Said((1.0, 0.0, 0.0), 0.1, kind)])
 
 
 FIGURES = ["speed", "acceleration", "axes", "jerk", "workspace", "tool axis", "joint range"]
@@ -197,6 +196,7 @@ def test_these_are_all_figures_of_the_checker() -> None:
     assert found == set(FIGURES)
 
 
+@pytest.mark.slow
 def test_the_guide_is_not_a_place_behind_the_wall() -> None:
     pose = held_pose("screwing")
     Stepper(walled(pose[0, 3] - 0.01), guide=pose)
@@ -292,7 +292,7 @@ def test_the_optimum_holds_it(posture: bool) -> None:
 def test_maps_and_starts_are_not_behind_the_wall() -> None:
     box = problem_of("low_bin").limit_of(WorkspaceBox)
     problem = walled((box.lower[0] + box.upper[0]) / 2, "low_bin")
-    person = Alike(problem.response)
+    person = ModelPerson(problem.response)
     reached, plain = (
         workspace_map(each, person, spacing=0.2, cache=False)
         for each in (problem, problem_of("low_bin"))

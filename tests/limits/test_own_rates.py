@@ -13,9 +13,9 @@ import ergoqp
 from benchmarks.boundary import FirstOrder, Outward, draw_case
 from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX
-from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, Rows, Situation
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, LimitContext, Rows
+from ergoqp.limits.custom import OwnRates
 from ergoqp.limits.limit import straight_margins
-from ergoqp.limits.own_rates import OwnRates
 from ergoqp.responses import LinearResponse
 
 
@@ -30,118 +30,118 @@ class Own:
     names: Any = ("own",)
     unit = "m"
     hard: bool = True
-    returns = (True,)
+    recovers = (True,)
     yield_zone: float = 0.0
-    proven: bool = False
+    margin_is_lower_bound: bool = False
 
     def measure(self) -> ca.Function | None:
         return None
 
-    def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
+    def told(self, context: LimitContext, matrix: Any, above: Any) -> Rows:
         free = ca.DM([ca.inf])
         rows = Rows(self.sign * matrix, free, above, free, ca.DM.zeros(1))
-        return situation.counted(self.names[0], rows) if self.counts else rows
+        return context.reduced(self.names[0], rows) if self.counts else rows
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         raise NotImplementedError
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
-        return straight_margins(self.rows(situation), displacement)
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
+        return straight_margins(self.rows(context), displacement)
 
 
 class Ceiling(Own):
     """The contact point stays below a height."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         matrix = ca.DM([[0, 0, 1, 0, 0, 0]])
-        return self.told(situation, matrix, 1.3 - situation.pose[2, 3])
+        return self.told(context, matrix, 1.3 - context.pose[2, 3])
 
 
 class Tool(Own):
     """The tool's axis does not point up too far; its slope changes as the object turns."""
 
-    def rows(self, situation: Situation) -> Rows:
-        axis = situation.pose[:3, 0]
+    def rows(self, context: LimitContext) -> Rows:
+        axis = context.pose[:3, 0]
         # d(axis)/dt = w x axis, of which the third entry grows.
         matrix = ca.horzcat(ca.SX(1, 3), -axis[1] * -1, -axis[0], 0)
-        return self.told(situation, matrix, 0.5 - axis[2])
+        return self.told(context, matrix, 0.5 - axis[2])
 
 
 class InBall(Own):
     """The contact point stays in a ball, by its tangent alone: the ball bends away from it."""
 
-    def rows(self, situation: Situation) -> Rows:
-        from_centre = situation.pose[:3, 3] - ca.DM([0.5, 0, 1])
+    def rows(self, context: LimitContext) -> Rows:
+        from_centre = context.pose[:3, 3] - ca.DM([0.5, 0, 1])
         distance = ca.norm_2(from_centre)
         matrix = ca.horzcat((from_centre / distance).T, ca.SX(1, 3))
-        return self.told(situation, matrix, 0.4 - distance)
+        return self.told(context, matrix, 0.4 - distance)
 
 
 class Wrist(Own):
     """The right wrist stays below an angle, with or without what is still to come."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         wrist = INDEX["right_wrist_flexion"]
-        angle = situation.posture[wrist]
+        angle = context.posture[wrist]
         if self.counts:
-            angle += situation.shift[wrist]
+            angle += context.shift[wrist]
         free = ca.DM([ca.inf])
-        matrix = situation.sensitivity[wrist, :]
+        matrix = context.sensitivity[wrist, :]
         return Rows(self.sign * matrix, free, 0.3 - angle, free, ca.DM.zeros(1))
 
 
 class Saddle(Own):
     """A product of two coordinates stays below a value: curved along diagonals alone."""
 
-    def rows(self, situation: Situation) -> Rows:
-        x, y = situation.pose[0, 3], situation.pose[1, 3]
-        return self.told(situation, ca.horzcat(y, x, ca.SX(1, 4)), 0.2 - x * y)
+    def rows(self, context: LimitContext) -> Rows:
+        x, y = context.pose[0, 3], context.pose[1, 3]
+        return self.told(context, ca.horzcat(y, x, ca.SX(1, 4)), 0.2 - x * y)
 
 
 class WrongWhereOneWorks(Own):
     """A ceiling whose sign is wrong in a part of the space."""
 
-    def rows(self, situation: Situation) -> Rows:
-        x, y, z = ca.vertsplit(situation.pose[:3, 3])
+    def rows(self, context: LimitContext) -> Rows:
+        x, y, z = ca.vertsplit(context.pose[:3, 3])
         here = ca.logic_and(ca.logic_and(x > 0.3, x < 0.6), ca.fabs(y) < 0.2)
         matrix = ca.horzcat(ca.SX(1, 2), ca.if_else(here, -1, 1), ca.SX(1, 3))
-        return self.told(situation, matrix, 1.3 - z)
+        return self.told(context, matrix, 1.3 - z)
 
 
 class Uncounted(Ceiling):
     """Its rows are counted, its margins are not."""
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
-        return 1.3 - situation.pose[2, 3] - ca.fmax(displacement[2], 0)
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
+        return 1.3 - context.pose[2, 3] - ca.fmax(displacement[2], 0)
 
 
 class Carefree(Wrist):
     """A posture row with a margin that is always the same."""
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
         return ca.SX(1) * 10
 
 
 class Eager(Ceiling):
     """A row with a negative reserve."""
 
-    def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
-        rows = super().told(situation, matrix, above)
-        return Rows(rows.matrix, rows.below, rows.above, rows.rate, ca.DM([-0.1]))
+    def told(self, context: LimitContext, matrix: Any, above: Any) -> Rows:
+        rows = super().told(context, matrix, above)
+        return Rows(rows.matrix, rows.to_lower, rows.to_upper, rows.rate, ca.DM([-0.1]))
 
 
 class Nowhere(Ceiling):
     """A distance that is not a number in half of the space."""
 
-    def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
-        return super().told(situation, matrix, above + 1e-9 * ca.sqrt(situation.pose[1, 3]))
+    def told(self, context: LimitContext, matrix: Any, above: Any) -> Rows:
+        return super().told(context, matrix, above + 1e-9 * ca.sqrt(context.pose[1, 3]))
 
 
 class Shy(Ceiling):
     """Margins that are smaller than the distances, and not said to be bounds."""
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
-        return super().margins(situation, displacement) - 0.1
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
+        return super().margins(context, displacement) - 0.1
 
 
 def with_limit(limit: Any) -> ergoqp.Problem:
@@ -180,16 +180,16 @@ def test_a_region_of_a_user_is_tried() -> None:
     [
         (Ceiling(sign=-1.0), "a matrix that is not the derivative"),
         (Ceiling(sign=1.1), "a matrix that is not the derivative"),
-        (Ceiling(counts=False), "distances that do not become smaller by situation.lost"),
+        (Ceiling(counts=False), "distances that do not become smaller by context.margin_reduction"),
         (Wrist(sign=-1.0, hard=False), "a matrix that is not the derivative"),
-        (Wrist(counts=False, hard=False), "distances without situation.shift"),
+        (Wrist(counts=False, hard=False), "distances without context.shift"),
         (Tool(), "margins above those that the object has after the displacement"),
         (InBall(), "margins above those that the object has after the displacement"),
         (Saddle(), "margins above those that the object has after the displacement"),
         (WrongWhereOneWorks(), "a matrix that is not the derivative"),
-        (Uncounted(), "margins that do not become smaller by situation.lost"),
+        (Uncounted(), "margins that do not become smaller by context.margin_reduction"),
         (Carefree(hard=False), "margins above the distances at rest"),
-        (Eager(), "a negative rate or reserve"),
+        (Eager(), "a negative rate or curvature margin"),
         (Nowhere(), "NaN, allowed numbers, and inf where there is no end"),
         (Shy(), "margins below the distances at rest"),
     ],
@@ -201,19 +201,19 @@ def test_one_that_contradicts_itself_is_refused(limit: Own, words: str) -> None:
 
 def test_the_name_of_the_counted_rows_is_the_limit_s() -> None:
     class Misnamed(Ceiling):
-        def told(self, situation: Situation, matrix: Any, above: Any) -> Rows:
+        def told(self, context: LimitContext, matrix: Any, above: Any) -> Rows:
             free = ca.DM([ca.inf])
             rows = Rows(matrix, free, above, free, ca.DM.zeros(1))
-            return situation.counted("another", rows)
+            return context.reduced("another", rows)
 
-    with pytest.raises(ProblemError, match=r"situation.counted\('own', rows\)"):
+    with pytest.raises(ProblemError, match=r"context.reduced\('own', rows\)"):
         with_limit(Misnamed())
 
 
 def test_margins_at_rest_are_at_most_the_distances() -> None:
     class Generous(Ceiling):
-        def margins(self, situation: Situation, displacement: Any) -> Any:
-            return super().margins(situation, displacement) + 0.01
+        def margins(self, context: LimitContext, displacement: Any) -> Any:
+            return super().margins(context, displacement) + 0.01
 
     with pytest.raises(ProblemError, match="margins above the distances at rest"):
         with_limit(Generous())

@@ -5,16 +5,16 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from contexts import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from situations import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 
 from ergoqp.joints import INDEX, UPPER
-from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
-from ergoqp.limits.stop import Stop
+from ergoqp.limits import AxisCone, JointLimit, LimitContext, Rows, TwistLimit, WorkspaceBox
+from ergoqp.limits.twist_and_stopping import Stop
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.bounds import (
+from ergoqp.step.rows import (
     CLEARANCE,
     ELBOW,
     STEADY_RETURN,
@@ -268,7 +268,7 @@ def waits(point: np.ndarray, previous: np.ndarray, law: dict[str, float]) -> flo
     }
     parts["observed"], parts["pose"] = ca.SX.ones(32), ca.SX(ca.DM(pose))
     found = patience(
-        [SMALL], Situation(**parts), ca.SX(ca.DM(previous)), ca.SX(0.01), Stop(LIMIT, **law)
+        [SMALL], LimitContext(**parts), ca.SX(ca.DM(previous)), ca.SX(0.01), Stop(LIMIT, **law)
     )
     return float(ca.evalf(found))
 
@@ -331,7 +331,12 @@ def test_outside_a_cone_even_what_gives_way_comes_back_as_fast_as_the_bend_leads
     found = row_bounds(LIMIT, [cone], rows, [0], ca.SX([away, 0]), brake, ca.SX(1))
     upper, cap, bend, braked = (
         float(ca.evalf(part))
-        for part in (found.upper, found.cap, (reserve + CLEARANCE) / brake.swing, row @ brake.twist)
+        for part in (
+            found["ubA"],
+            found["cap"],
+            (reserve + CLEARANCE) / brake.swing,
+            row @ brake.twist,
+        )
     )
     assert upper == pytest.approx(-away / cone.recovery_time, rel=1e-9)
     assert 1e-3 < bend < -upper

@@ -6,13 +6,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from contexts import brake_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from situations import brake_of
 
 from ergoqp.limits import TwistLimit
-from ergoqp.limits.stop import Stop
-from ergoqp.problem_files.load import load_problem
+from ergoqp.limits.twist_and_stopping import Stop
+from ergoqp.problem.load import load_problem
 
 LIMIT = TwistLimit(0.2, 0.8, 0.6, 2.5)
 WINDOW = 0.05
@@ -121,6 +121,7 @@ def kept_free(plan: Plan, dt: float, twist: np.ndarray, climbs: bool = True) -> 
     return [part + np.maximum(sign * law, 0) for part, sign in zip(under_way, (1, -1), strict=True)]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=150)
 def test_with_the_mean_a_stop_goes_no_further_than_what_is_under_way_and_the_law(seed: int) -> None:

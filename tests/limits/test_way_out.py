@@ -17,11 +17,9 @@ from step_samples import problem_of
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.simulation.check import Checker
-from ergoqp.simulation.check_ways import Ways
+from ergoqp.problem.settings import DeclaredRobot, Frames
+from ergoqp.simulation.check import Checker, Ways
 from ergoqp.step.stepper import Stepper
 
 DT, STEP, FAR = 0.02, 1e-3, 2.5
@@ -176,6 +174,7 @@ NESTED = [Ball((0.5, 0.5, 0.5), 0.2), Ball((0.6, 0.5, 0.5), 0.05)]
 FLOOR = [HalfSpace((0.0, 0.0, 1.0), 0.2), Box((0.3, 0.3, 0.0), (0.7, 0.7, 0.6))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("regions", "place", "length"),
     [

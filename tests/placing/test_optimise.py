@@ -10,8 +10,8 @@ from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.simulation.best_place import workspace_map
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.rest.best_place import workspace_map
+from ergoqp.rest.model_person import sample_person
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,7 @@ def with_limit(problem, limit):
 
 
 class TestBest:
+    @pytest.mark.slow
     def test_better_and_optimal(self, best):
         assert best.reba_after < best.reba_before
         assert best.kkt_residual <= 1e-6
@@ -45,9 +46,9 @@ class TestBest:
         np.testing.assert_allclose(best.pose[:3, :3].T @ best.pose[:3, :3], np.eye(3), atol=1e-12)
 
     def test_the_person_comes_to_rest_there(self, problem, best):
-        from ergoqp.simulation.people.alike import Alike
+        from ergoqp.rest.model_person import ModelPerson
 
-        person = Alike(problem.response)
+        person = ModelPerson(problem.response)
         grasp, soles = person.grasp(best.posture_before), person.stand(best.posture_before)
         settled, reached = person.settle(best.posture, best.pose, grasp, soles, steps=1000)
         assert reached
@@ -100,6 +101,7 @@ class TestBest:
 
 
 class TestLimits:
+    @pytest.mark.slow
     def test_object_that_only_rises_keeps_its_other_axes(self, problem, best):
         lift = with_limit(problem, TwistLimit(axes=("z",)))
         found = optimise(lift, best.posture_before, starts=2)
@@ -146,6 +148,7 @@ class TestMistakes:
         with pytest.raises(InputError, match=words):
             optimise(problem, **wrong)
 
+    @pytest.mark.slow
     def test_nothing_in_reach(self, problem, best):
         # Not so far that nobody could reach it: that is refused when the problem is made.
         far = with_limit(problem, WorkspaceBox((1.6, -0.2, 0.2), (1.7, 0.2, 0.3)))

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 from ergoqp import JOINTS, load_problem
-from ergoqp.cli.commands.optimise import optimum_table
+from ergoqp.cli.optimise import optimum_table
 from ergoqp.errors import InputError
-from ergoqp.placing.optimum import Optimum, Trial
-from ergoqp.problem.workspace import turn_about
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.placing.optimum import Optimum, StartResult
+from ergoqp.problem.geometry import turn_about
+from ergoqp.rest.model_person import sample_person
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def optimum():
     pose, posture = np.eye(4), person.comfort + 1 / 3
     pose[:3, 3] = 0.1, 0.2, 0.3
     pose[:3, :3] = turn_about(1, 0.4) @ turn_about(2, -2.9)
-    trial = Trial(0, pose, posture, 3, 2.5, 1e-9, 1e-5, 0.01)
+    trial = StartResult(0, pose, posture, 3, 2.5, 1e-9, 1e-5, 0.01)
     return Optimum(
         "dentist",
         "treats",
@@ -40,7 +40,7 @@ def optimum():
         0.5,
         pose,
         posture,
-        (trial, Trial(1, pose, posture, 0, 2.5, 1e-9, 1e-5, 0.01, "out of reach")),
+        (trial, StartResult(1, pose, posture, 0, 2.5, 1e-9, 1e-5, 0.01, "out of reach")),
         ("Said.",),
     )
 
@@ -74,7 +74,7 @@ def test_no_optimum(text, tmp_path):
 
 
 def test_not_there(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         Optimum.load(tmp_path / "none.json")
 
 

@@ -7,11 +7,11 @@ import pytest
 
 import ergoqp
 from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.placing.optimise import begin_from
 from ergoqp.placing.program import Program, smooth_cost
-from ergoqp.placing.start import begin_from
-from ergoqp.problem_files.load import TASKS
-from ergoqp.simulation.people.alike import Alike
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.problem.load import TASKS
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import ModelPerson
 
 FINE = (1e-4, 0.5)
 
@@ -21,7 +21,7 @@ class Solved:
 
     def __init__(self, name, mode="stackelberg"):
         self.problem = ergoqp.load_problem(name)
-        person = Alike(self.problem.response)
+        person = ModelPerson(self.problem.response)
         posture = awkward_start(self.problem, person, 1)
         begin = begin_from(person, posture, None)
         self.program = Program(self.problem, person.response, mode, "ipopt")
@@ -51,7 +51,7 @@ def multipliers(solved, x):
 class TestResidual:
     def test_small_at_a_solution_only(self, dentist):
         x, rows, bounds = multipliers(
-            dentist, dentist.program.solve(dentist.begin, dentist.given).values
+            dentist, dentist.program.solve(dentist.begin, dentist.given)[0]
         )
         residual = dentist.program.residual
         assert residual(x, dentist.given, rows, bounds) <= 1e-6
@@ -100,7 +100,7 @@ class TestResidual:
 
         program = Program(dentist.problem, dentist.problem.response, "stackelberg", "ipopt")
         monkeypatch.setitem(program.__dict__, "_solver", fails)
-        assert program.solve(dentist.begin, dentist.given).residual == np.inf
+        assert program.solve(dentist.begin, dentist.given)[1] == np.inf
 
 
 @pytest.mark.parametrize("name", TASKS)

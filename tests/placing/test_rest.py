@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import ergoqp
-from ergoqp.joints import LOWER, UPPER
-from ergoqp.placing.rest import rest_conditions, soft_clip
-from ergoqp.problem_files.load import TASKS
+from ergoqp.joints import INDEX, LOWER, UPPER
+from ergoqp.placing.program import rest_conditions, soft_clip
+from ergoqp.problem.load import TASKS
 from ergoqp.responses.holding import Situated
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 
 RELAXATION = 1e-4
 QUIET = {"ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10}, "print_time": False}
@@ -49,8 +49,9 @@ def rest_of(person, begin, pose, guess):
         ]
     )
     x = np.zeros(unknowns.numel())
-    x[: len(rest.moved)] = guess[rest.moved]
-    at = len(rest.moved)
+    moved = [INDEX[joint] for joint in response.chain]
+    at = len(moved)
+    x[:at] = guess[moved]
     if response.stance == "standing":
         pelvis = person.contact(guess)[1]
         x[at : at + 4] = *pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])
@@ -59,13 +60,11 @@ def rest_of(person, begin, pose, guess):
         "slope", [unknowns, given], [ca.jacobian(rest.balance, rest.multipliers), rest.balance]
     )
     matrix, right = (np.array(part) for part in slope(x, numbers))
-    joints = len(rest.moved)
-    held = ((guess <= LOWER + 1e-6) | (guess >= UPPER - 1e-6))[rest.moved]
+    joints = len(moved)
+    held = ((guess <= LOWER + 1e-6) | (guess >= UPPER - 1e-6))[moved]
     free = np.append(~held, np.ones(len(right) - joints, dtype=bool))
     x[at:] = np.linalg.lstsq(matrix[free], -right.ravel()[free], rcond=None)[0]
-    x[:joints] -= (
-        held * (right.ravel() + matrix @ x[at:])[:joints] / response.weight_vector[rest.moved]
-    )
+    x[:joints] -= held * (right.ravel() + matrix @ x[at:])[:joints] / response.weight_vector[moved]
     found = solver(x0=x, p=numbers, lbg=0, ubg=0)
     assert float(ca.norm_inf(found["g"])) < 1e-4
     return np.array(posture(found["x"], numbers)).ravel()

@@ -1,10 +1,6 @@
-"""The same trials whoever solves the starts, and none of them lost when a run is killed."""
+"""The same trials and people whoever does the work, and one sentence where it cannot be done."""
 
-import json
 import os
-import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -13,10 +9,12 @@ import numpy as np
 import pytest
 
 import ergoqp
-from ergoqp.errors import InputError
-from ergoqp.placing.ledger import FILE
+from ergoqp.errors import InputError, WorkersError
+from ergoqp.lab.cluster import on_cluster
+from ergoqp.lab.population import best_of_population, population
 from ergoqp.placing.optimise import optimise
-from ergoqp.simulation.starts import awkward_start
+from ergoqp.placing.parallel import in_order
+from ergoqp.rest.best_place import awkward_start
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +25,21 @@ def problem():
 @pytest.fixture(scope="module")
 def alone(problem):
     return optimise(problem, starts=6, seed=3)
+
+
+@pytest.fixture
+def cluster():
+    distributed = pytest.importorskip("distributed")
+    # Workers are not brought back: a nanny would.
+    with distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="127.0.0.1:0",
+        host="127.0.0.1",
+        silence_logs=50,
+    ) as cluster:
+        yield cluster
 
 
 def same(one, other):
@@ -44,9 +57,12 @@ def same(one, other):
 
 @pytest.mark.slow
 def test_same_in_two_processes(problem, alone):
-    same(optimise(problem, starts=6, seed=3, jobs=2), alone)
+    told = []
+    same(optimise(problem, starts=6, seed=3, jobs=2, progress=told.append), alone)
+    assert told == pytest.approx([1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1.0])
 
 
+@pytest.mark.slow
 def test_another_seed_begins_elsewhere(problem, alone):
     other = optimise(problem, alone.posture_before, starts=6, seed=4, pose=alone.pose_before)
     assert any(
@@ -55,32 +71,12 @@ def test_another_seed_begins_elsewhere(problem, alone):
     )
 
 
-@pytest.mark.slow
-def test_same_on_a_cluster(problem, alone):
-    distributed = pytest.importorskip("distributed")
-    cluster = distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address="127.0.0.1:0",
-        host="127.0.0.1",
-        silence_logs=50,
+def test_awkward_start_is_that_of_run(problem, alone):
+    from ergoqp.rest.model_person import ModelPerson
+
+    np.testing.assert_array_equal(
+        alone.posture_before, awkward_start(problem, ModelPerson(problem.response), 3)
     )
-    with cluster:
-        same(optimise(problem, starts=6, seed=3, scheduler=cluster.scheduler_address), alone)
-
-
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ftp://127.0.0.1:8786"])
-def test_no_cluster_there(problem, alone, address, monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("ergoqp.placing.workers.TIMEOUT", 0.5)
-    with pytest.raises(
-        InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"
-    ):
-        optimise(problem, alone.posture_before, starts=2, scheduler=address)
-    # A client that is left would be closed by the garbage collector, in the midst of the next
-    # client's start, and wait there for ever.
-    assert not [thread for thread in threading.enumerate() if thread.name == "IO loop"]
 
 
 def test_what_cannot_be_sent(problem, alone):
@@ -95,89 +91,52 @@ def test_what_cannot_be_sent(problem, alone):
             return 1 + ca.sumsqr(q)
 
     with pytest.raises(
-        InputError, match=r"jobs: the terms of problem dentist cannot be sent to other processes"
+        InputError, match=r"jobs: the terms of the problem cannot be sent to other processes"
     ):
         optimise(problem.replace(cost=Own()), alone.posture_before, starts=2, jobs=2)
 
 
-CHILD = """
-import sys, ergoqp
-ergoqp.optimise(ergoqp.load_problem("dentist"), starts=200, seed=3, out=sys.argv[1])
-"""
+def ended(number):
+    if number == 1:
+        os._exit(1)
+    return number
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on(problem, alone, tmp_path):
-    ledger = tmp_path / FILE
-    child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path)])
-    try:
-        give_up = time.monotonic() + 60
-        while not (ledger.is_file() and len(ledger.read_text(encoding="utf-8").splitlines()) >= 3):
-            assert child.poll() is None
-            assert time.monotonic() < give_up
-            time.sleep(0.01)
-    finally:
-        os.kill(child.pid, signal.SIGKILL)
-        child.wait()
-    finished = [json.loads(line) for line in ledger.read_text(encoding="utf-8").splitlines()]
-    assert 3 <= len(finished) < 200
-    with ledger.open("a", encoding="utf-8") as file:
-        file.write('{"key": "cut off in the mid')
-    solved = []
-    again = optimise(
-        problem, starts=len(finished) + 2, seed=3, out=tmp_path, progress=solved.append
-    )
-    # Only the two that were missing were solved, and the others are the ones that were finished.
-    assert len(solved) == 2
-    for entry in finished:
-        assert again.trials[entry["trial"]["number"]].seconds == entry["trial"]["seconds"]
-    for trial, once in zip(again.trials, alone.trials, strict=False):
-        np.testing.assert_array_equal(trial.pose, once.pose)
-    nothing = optimise(
-        problem,
-        starts=len(finished) + 2,
-        seed=3,
-        out=tmp_path,
-        progress=lambda share: pytest.fail("solved again"),
-    )
-    same(nothing, again)
+def test_a_process_of_this_machine_is_ended():
+    with pytest.raises(WorkersError, match=r"jobs: one of 2 processes was ended, .*fewer jobs"):
+        in_order(ended, [(number,) for number in range(8)], 2)
+    assert in_order(abs, [(-1,), (2,)], 2) == [1, 2]
 
 
 @pytest.mark.slow
-def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tmp_path):
-    optimise(problem, alone.posture_before, starts=1, out=tmp_path)
-    for options in (
-        {"seed": 1},
-        {"mode": "cooperative"},
-        {"tau_deg": 1.0},
-        {"posture": problem.response.comfort},
+def test_same_people_on_a_cluster(problem, cluster):
+    people = list(population(problem, [1.6, 1.8]))
+    told = []
+    found = best_of_population(
+        people, starts=2, scheduler=cluster.scheduler_address, progress=told.append
+    )
+    assert [each.label for each in found] == ["1.60 m", "1.80 m"]
+    for each, here in zip(found, best_of_population(people, starts=2), strict=True):
+        same(each.optimum, here.optimum)
+    assert told == [0.5, 1.0]
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ftp://127.0.0.1:8786"])
+def test_no_cluster_there(address, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("ergoqp.lab.cluster.TIMEOUT", 0.5)
+    with pytest.raises(
+        InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"
     ):
-        solved = []
-        arguments = {
-            "posture": alone.posture_before,
-            "starts": 1,
-            "out": tmp_path,
-            "progress": solved.append,
-            **options,
-        }
-        optimise(problem, **arguments)
-        assert solved == [1.0]
-    heavier = ergoqp.load_problem("dentist").replace(task={**problem.task, "load_kg": 8})
-    solved = []
-    optimise(heavier, alone.posture_before, starts=1, out=tmp_path, progress=solved.append)
-    assert solved == [1.0]
-
-
-def test_awkward_start_is_that_of_run(problem, alone):
-    from ergoqp.simulation.people.alike import Alike
-
-    np.testing.assert_array_equal(
-        alone.posture_before, awkward_start(problem, Alike(problem.response), 3)
-    )
+        list(on_cluster(abs, [(1,)], address))
+    # A client that is left would be closed by the garbage collector, in the midst of the next
+    # client's start, and wait there for ever.
+    assert not [thread for thread in threading.enumerate() if thread.name == "IO loop"]
 
 
 @pytest.mark.parametrize("address", ["", " ", "nonsense"])
-def test_an_address_without_a_port_never_becomes_a_client(problem, alone, monkeypatch, address):
+def test_an_address_without_a_port_never_becomes_a_client(monkeypatch, address):
     """A client that failed half-way printed a traceback behind the sentence when it was cleared
     away."""
 
@@ -191,4 +150,57 @@ def test_an_address_without_a_port_never_becomes_a_client(problem, alone, monkey
             r"scheduler: got .*, allowed the address of a Dask scheduler that answers: missing port"
         ),
     ):
-        optimise(problem, alone.posture_before, starts=2, scheduler=address)
+        list(on_cluster(abs, [(1,)], address))
+
+
+def after_first(results, action):
+    """Yield results, and do something once, when the first one is there."""
+    for number, each in enumerate(results):
+        if number == 0:
+            action()
+        yield each
+
+
+@pytest.mark.slow
+def test_the_only_worker_is_gone(cluster, monkeypatch):
+    monkeypatch.setattr("ergoqp.lab.cluster.PATIENCE", 2.0)
+    results = on_cluster(time.sleep, [(0.05,)] * 400, cluster.scheduler_address)
+    with pytest.raises(
+        WorkersError,
+        match=r"scheduler: tcp://.* has had no worker for 2 s; add one",
+    ):
+        list(after_first(results, lambda: cluster.scale(0)))
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_late_is_waited_for(cluster):
+    cluster.scale(0)
+    later = threading.Timer(4.0, lambda: cluster.scale(1))
+    later.start()
+    try:
+        assert list(on_cluster(abs, [(-3,)], cluster.scheduler_address)) == [(0, 3)]
+    finally:
+        later.join()
+
+
+def missing():
+    raise FileNotFoundError("my_labels.csv is not on this machine")
+
+
+@pytest.mark.slow
+def test_what_a_call_itself_raises_is_not_told_of_the_scheduler(cluster):
+    with pytest.raises(FileNotFoundError, match=r"my_labels\.csv is not on this machine"):
+        list(on_cluster(missing, [()], cluster.scheduler_address))
+
+
+@pytest.mark.slow
+def test_a_call_that_takes_long_is_waited_for(cluster, monkeypatch):
+    monkeypatch.setattr("ergoqp.lab.cluster.PATIENCE", 0.5)
+    assert list(on_cluster(time.sleep, [(4.0,)], cluster.scheduler_address)) == [(0, None)]
+
+
+@pytest.mark.slow
+def test_the_scheduler_is_gone(cluster):
+    results = on_cluster(time.sleep, [(0.05,)] * 400, cluster.scheduler_address)
+    with pytest.raises(WorkersError, match=r"scheduler: tcp://.* does not answer any more "):
+        list(after_first(results, lambda: threading.Thread(target=cluster.close).start()))

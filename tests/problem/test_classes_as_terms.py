@@ -11,7 +11,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
 from ergoqp.limits import JointLimit, OneClassBoundary, TwistLimit
-from ergoqp.problem.control import Control
+from ergoqp.problem.settings import Control
 from ergoqp.responses import IkResponse
 
 

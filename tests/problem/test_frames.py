@@ -10,7 +10,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.settings import Frames
 from ergoqp.simulation.robot import moved
 
 BASE = [0.9, 0.2, 0.7, 0.1, 0.2, 0.3, np.sqrt(0.86)]

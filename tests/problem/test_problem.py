@@ -14,9 +14,9 @@ from ergoqp import reba
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.problem.control import Control
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.settings import Control
 from ergoqp.step.stepper import Stepper
 
 
@@ -164,6 +164,7 @@ def test_a_workspace_without_room_along_a_free_axis_is_refused(width: float) -> 
     assert problem.replace(limits=along).limit_of(WorkspaceBox) is flat
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("above", "off"), [(True, 3e-3), (False, 3e-3), (True, 2e-5)])
 def test_the_narrowest_workspace_is_come_back_to_and_rested_in(above: bool, off: float) -> None:
     problem, pose = problem_of("screwing"), held_pose("screwing")

@@ -12,7 +12,7 @@ import ergoqp
 from ergoqp.errors import ProblemError
 from ergoqp.human import Body
 from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBox
-from ergoqp.problem.room import no_room
+from ergoqp.problem.problem import no_room
 from ergoqp.responses import IkResponse
 from ergoqp.simulation.people import person_of_kind
 

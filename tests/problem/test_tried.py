@@ -12,9 +12,9 @@ import pytest
 
 from ergoqp.errors import ProblemError
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.problem import tried
+from ergoqp.problem import validate
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 
 TRUNK = INDEX["trunk_flexion"]
 
@@ -140,13 +140,13 @@ def test_a_cost_that_contradicts_itself_is_refused(base: Problem, cost: Any, wor
 def test_a_cost_slower_than_the_period_is_refused(
     base: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = tried._Cost.at
+    real = validate._Cost.at
 
     def slow(self: Any, posture: np.ndarray) -> Any:
         time.sleep(0.011)
         return real(self, posture)
 
-    monkeypatch.setattr(tried._Cost, "at", slow)
+    monkeypatch.setattr(validate._Cost, "at", slow)
     with pytest.raises(
         ProblemError,
         match=r"^cost: got 1\d.* ms for one evaluation of the cost upright, allowed less than the"
@@ -216,14 +216,14 @@ def test_a_response_that_contradicts_itself_is_refused(
 
 def test_the_same_object_is_tried_once(base: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     cost, counts = Upright(), []
-    real = tried._Cost.judged
-    monkeypatch.setattr(tried._Cost, "judged", lambda self: counts.append(1) or real(self))
+    real = validate._Cost.judged
+    monkeypatch.setattr(validate._Cost, "judged", lambda self: counts.append(1) or real(self))
     base.replace(cost=cost).replace(dt=0.02)
     assert len(counts) == 1
 
 
 def test_only_a_term_that_takes_a_tenth_of_a_period_is_called_slow() -> None:
     times = {"cost upright": 0.0011, "response": 0.0005}
-    assert tried.slowest(times, 0.01) == "cost upright (1.1 ms when it was tried)"
-    assert tried.slowest({name: took / 2 for name, took in times.items()}, 0.01) == ""
-    assert tried.slowest({}, 0.01) == ""
+    assert validate.slowest(times, 0.01) == "cost upright (1.1 ms when it was tried)"
+    assert validate.slowest({name: took / 2 for name, took in times.items()}, 0.01) == ""
+    assert validate.slowest({}, 0.01) == ""

@@ -4,10 +4,10 @@ import pytest
 from browsing import ARGUMENTS, CHROMIUM
 from report_samples import make_recording, make_run
 
-from ergoqp.placing.group.optimise import best_for_group
-from ergoqp.placing.group.people import read_people
+from ergoqp.lab.group import best_for_group
+from ergoqp.lab.group_search import read_people
 from ergoqp.placing.optimise import optimise
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.load import load_problem
 from ergoqp.report.group_page import write_group_page
 from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.report.run_page import write_run_page

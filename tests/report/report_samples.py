@@ -5,7 +5,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.recordings import Recording
+from ergoqp.mocap import Recording
 from ergoqp.report.body.person import place
 from ergoqp.sheets import reba
 from ergoqp.simulation.run import Run

@@ -50,6 +50,7 @@ def test_axe_finds_nothing_serious(opened, name, width, scheme):
         assert bad == []
 
 
+@pytest.mark.slow
 def test_every_control_of_the_replay_has_a_name(opened):
     replay = replay_of(opened("run"))
     replay.get_by_role("button", name="Pause").click(timeout=PATIENCE)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import JOINTS
-from ergoqp.recordings import load_recording
-from ergoqp.report import angles
-from ergoqp.report.angles import write_angles
-from ergoqp.sheets.elevation import elevation_of
-from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.mocap import load_recording
+from ergoqp.mocap.demo_recording import demo_recording
+from ergoqp.report import scores as angles
+from ergoqp.report.scores import write_angles
+from ergoqp.sheets.description import elevation_of
 
 
 @pytest.mark.parametrize("block", [7, 4096])

@@ -1,7 +1,7 @@
 import pytest
 
-from ergoqp.report.charts.scales import words_of
-from ergoqp.report.numbers import microseconds, plain
+from ergoqp.report.charts.axes import words_of
+from ergoqp.report.page import microseconds, plain
 
 
 @pytest.mark.parametrize(

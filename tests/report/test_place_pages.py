@@ -9,16 +9,14 @@ from browsing import PATIENCE
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
-from ergoqp.placing.group.search import Placing
-from ergoqp.placing.optimise import optimise
-from ergoqp.placing.slices import Slice, slices_through
-from ergoqp.placing.start import begin_from
-from ergoqp.problem_files.load import load_problem
+from ergoqp.placing.optimise import begin_from, optimise
+from ergoqp.placing.place import PoseParametrization, Slice, slices_through
+from ergoqp.problem.load import load_problem
 from ergoqp.report import palette
-from ergoqp.report.body.lineup import Standing, lineup
-from ergoqp.report.charts.score_map import Spot, score_map
-from ergoqp.report.place_words import change_of, place_words
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.report.body.figure import Drawing, Standing, lineup
+from ergoqp.report.charts.strips import Spot, score_map
+from ergoqp.report.optimum_page import change_of, place_words
+from ergoqp.rest.model_person import ModelPerson
 
 SECTIONS = {
     "optimum": [
@@ -43,6 +41,7 @@ SECTIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["optimum", "group"])
 @pytest.mark.parametrize("width", [390, 1000])
 def test_page_in_a_browser(browser, place_pages, name, width):
@@ -78,7 +77,7 @@ def test_words_are_escaped_and_the_page_is_small(place_pages, name):
 
 
 def test_a_slice_is_what_the_person_does_there(desk):
-    follower = Alike(desk.response)
+    follower = ModelPerson(desk.response)
     pose = np.eye(4)
     pose[:3, 3] = (0.42, 1e-8, 0.7)  # on an end of the workspace, to rounding
     (found,) = slices_through(desk, [follower], pose, spacing=0.15)
@@ -100,13 +99,13 @@ def test_a_slice_is_what_the_person_does_there(desk):
 
 def test_tilts_outside_the_cone_are_no_places():
     dentist = load_problem("dentist")
-    follower = Alike(dentist.response)
+    follower = ModelPerson(dentist.response)
     box = next(limit for limit in dentist.limits if hasattr(limit, "lower"))
     height = replace(box, lower=(0.4, 0.0, 0.8), upper=(0.4, 0.0, 0.8))
     turning = replace(dentist.twist_limit, axes=("rx", "ry", "rz"))
     kept = [limit for limit in dentist.limits if limit not in (box, dentist.twist_limit)]
     fixed = dentist.replace(limits=[turning, height, *kept])
-    middle = Placing.of(fixed).pose(np.array([0.4, 0.0, 0.8, 0.0, 0.0]))
+    middle = PoseParametrization.of(fixed).pose(np.array([0.4, 0.0, 0.8, 0.0, 0.0]))
     (found,) = slices_through(fixed, [follower], middle)
     assert (found.across, found.up) == (3, 4)
     assert found.scores[0, 0, 0] == -1
@@ -172,7 +171,7 @@ def standing(label, stature, angles, score):
     base, contact = np.eye(4), np.eye(4)
     base[2, 3], contact[:3, 3] = 0.53 * stature, (0.4, -0.2, 1.0)
     segments = dict.fromkeys(palette.SEGMENTS, 1)
-    return Standing(body, posture(angles), base, segments, label, score, contact)
+    return Standing(label, score, Drawing(body, posture(angles), base, segments, contact))
 
 
 def test_a_row_of_people_is_on_one_scale():
@@ -216,7 +215,7 @@ def test_the_map_of_an_optimum_is_of_the_same_hold():
     """Held as in a twisted posture, on soles that stand apart: the map's cell at the best place has
     the optimum's score."""
     problem = load_problem("screwing")
-    follower = Alike(problem.response)
+    follower = ModelPerson(problem.response)
     now = posture(
         AWKWARD | {"right_wrist_flexion": 40, "left_hip_abduction": 10, "left_ankle_inversion": 5}
     )

@@ -100,7 +100,7 @@ def test_strips_show_a_single_step():
     values = np.zeros(10_000, dtype=int)
     values[5000] = 1
     strip = Strip("speed", values, {1: ("active", "active")}, "< 1 %")
-    root = parsed(strips_chart("limits", "speed.", np.arange(10_000) / 100, [strip]))
+    root = parsed(strips_chart("limits", np.arange(10_000) / 100, [strip]))
     active = [rect for rect in root.iter("rect") if rect.get("class") == "active"]
     assert len(active) == 1
     assert float(active[0].get("width")) >= 1
@@ -110,8 +110,8 @@ def test_strips_show_a_single_step():
 @given(st.text(min_size=1, max_size=80).filter(lambda text: text.isprintable()))
 def test_names_in_charts_are_escaped(name):
     strip = Strip(name, np.array([1, 0]), {1: ("active", name)}, name)
-    root = ET.fromstring(strips_chart(name, name, np.arange(2.0), [strip]))
-    assert root.find("desc").text == name
+    root = ET.fromstring(strips_chart(name, np.arange(2.0), [strip]))
+    assert root.find("desc").text == f"{name} {name}."
 
 
 def test_segments_before_and_after():

@@ -11,12 +11,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from report_samples import make_recording, make_run
 
-from ergoqp.report.body.replay import Movement, timing_of
+from ergoqp.report.body.person import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
-from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, render, write_page
+from ergoqp.report.page import (
+    Headline,
+    Page,
+    PageTable,
+    Picture,
+    Section,
+    is_seated,
+    render,
+    write_page,
+)
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.score_page import write_score_page
-from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 
 SERIES = [

@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 
 from ergoqp.human import FRAMES, Body, Kinematics
 from ergoqp.report import palette
-from ergoqp.report.body.meshes import body_mesh
-from ergoqp.report.body.person import parts_of, place
-from ergoqp.report.body.replay import FRAME_RATE, LONGEST, Movement, timing_of
+from ergoqp.report.body.person import FRAME_RATE, LONGEST, Movement, parts_of, place, timing_of
+from ergoqp.report.body.scene import body_mesh
 
 
 @given(st.floats(0.1, 600), st.floats(1, 1000))

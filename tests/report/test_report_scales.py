@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ergoqp.report.charts.scales import (
+from ergoqp.report.charts.axes import (
     Scale,
     changes,
     highest_per_column,

@@ -10,7 +10,7 @@ from report_samples import make_run
 from rich.console import Console
 
 from ergoqp.errors import MissingExtraError
-from ergoqp.report.run_facts import facts_of
+from ergoqp.report.run_facts import RunFacts
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import summary_of, write_scores
@@ -27,7 +27,7 @@ def printed(table):
 
 def test_run_table_has_scores_statuses_timing_and_limits(run):
     text = printed(run_table(run))
-    facts = facts_of(run)
+    facts = RunFacts(run)
     assert f"{facts.before} high" in text
     assert "right upper arm" in text
     assert "settled after" in text
@@ -50,27 +50,27 @@ def test_run_table_of_somebody_who_let_go(run):
 
 
 def test_facts_follow_from_the_arrays(run):
-    facts = facts_of(run)
+    facts = RunFacts(run)
     assert sum(facts.status_counts.values()) == len(run.time)
     assert facts.best == run.reba.min()
     assert run.reba[np.searchsorted(run.time, facts.best_at)] == facts.best
     assert facts.settled_after == pytest.approx(0.8 * 6, abs=0.05)
     assert facts.change == f"{facts.before} to {facts.after}."
-    alone = facts_of(replace(run, reba_standing_still=facts.before + 1))
+    alone = RunFacts(replace(run, reba_standing_still=facts.before + 1))
     assert alone.change == (
         f"{facts.before + 1} to {facts.after} by moving the object: {facts.before} at the start,"
         f" {facts.before + 1} had the object stayed where it was."
     )
-    same = facts_of(replace(run, reba_standing_still=facts.before))
+    same = RunFacts(replace(run, reba_standing_still=facts.before))
     assert same.change == (
         f"{facts.before} to {facts.after} by moving the object ({facts.before} had it stayed)."
     )
     assert facts.costs == "nothing"
-    worse = facts_of(replace(run, assessment=reba.assess(run.postures[:1]), reba=run.reba[:1]))
+    worse = RunFacts(replace(run, assessment=reba.assess(run.postures[:1]), reba=run.reba[:1]))
     assert worse.after == facts.before
     assert worse.costs == " · ".join(worse.stays)
     assert "trunk" in worse.costs
-    assert facts_of(replace(run, statuses=["optimal"] * len(run.time))).settled_after is None
+    assert RunFacts(replace(run, statuses=["optimal"] * len(run.time))).settled_after is None
 
 
 def test_score_table_names_the_worst_frame(recording):

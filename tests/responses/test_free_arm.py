@@ -13,8 +13,8 @@ from full_kkt import frame, placed
 import ergoqp
 from ergoqp.joints import INDEX
 from ergoqp.responses import IkResponse
-from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.responses.stance_and_gaze import TRUNK, arm_of, hanging, swinging
+from ergoqp.rest.model_person import ModelPerson
 
 NOBODY = np.zeros(32)
 
@@ -46,7 +46,7 @@ def test_an_arm_at_ease_points_down_beside_every_trunk(side: str) -> None:
 
 def test_it_goes_on_hanging_while_the_object_moves() -> None:
     response = ergoqp.load_problem("screwing").response
-    person = Alike(response)
+    person = ModelPerson(response)
     start = person.start_at(response.comfort)
     low = start.pose.copy()
     low[:3, 3] += [0.15, 0.1, -0.35]
@@ -64,7 +64,7 @@ def test_it_goes_on_hanging_while_the_object_moves() -> None:
 
 def test_a_recorded_habit_of_the_arm_fades() -> None:
     response = ergoqp.load_problem("screwing").response
-    person, posture = Alike(response), response.comfort.copy()
+    person, posture = ModelPerson(response), response.comfort.copy()
     posture[INDEX["left_shoulder_flexion"]] = np.radians(70)
     posture[INDEX["left_elbow_flexion"]] = np.radians(110)
     start = person.start_at(posture)
@@ -79,7 +79,7 @@ def test_a_resting_arm_stays_as_it_is() -> None:
     assert response.hanging is None
     posture = response.comfort.copy()
     posture[INDEX["left_shoulder_flexion"]] = 0.9
-    person = Alike(response)
+    person = ModelPerson(response)
     start = person.start_at(posture)
     low = start.pose.copy()
     low[2, 3] -= 0.2

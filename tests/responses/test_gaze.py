@@ -13,8 +13,8 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.responses import IkResponse
-from ergoqp.responses.gaze import EYES_TURN, VIEWING_DISTANCE, beyond_ease
-from ergoqp.simulation.people.alike import Alike
+from ergoqp.responses.stance_and_gaze import EYES_TURN, VIEWING_DISTANCE, beyond_ease
+from ergoqp.rest.model_person import ModelPerson
 
 NOBODY = np.zeros(32)
 
@@ -55,7 +55,7 @@ def turned_head(response: IkResponse, posture: np.ndarray, twist: np.ndarray, dt
 def test_the_neck_turns_after_work_that_is_carried_aside() -> None:
     problem = ergoqp.load_problem("screwing")
     response = problem.response
-    person, start = Alike(response), Alike(response).start_at(response.comfort)
+    person, start = ModelPerson(response), ModelPerson(response).start_at(response.comfort)
     aside = start.pose.copy()
     aside[1, 3] += 0.45
     ahead, _ = person.settle(start.posture, start.pose, start.grasp, start.soles)
@@ -64,7 +64,7 @@ def test_the_neck_turns_after_work_that_is_carried_aside() -> None:
     assert turned[INDEX["neck_twist"]] - ahead[INDEX["neck_twist"]] > np.radians(10)
     assert turned_head(response, turned, np.array([0, 0.1, 0, 0, 0, 0]), 1.0) > 1.0
     # Who does not look keeps the neck as it was.
-    blind = Alike(replace(response, looks=False))
+    blind = ModelPerson(replace(response, looks=False))
     kept, _ = blind.settle(start.posture, aside, start.grasp, start.soles)
     necks = [INDEX[f"neck_{way}"] for way in ("flexion", "side_bend", "twist")]
     np.testing.assert_array_equal(kept[necks], start.posture[necks])
@@ -74,7 +74,7 @@ def test_the_neck_turns_after_work_that_is_carried_aside() -> None:
 def test_rest_is_where_neither_comfort_nor_eyes_pull_more(name: str) -> None:
     """At rest no motion that the contact allows lowers discomfort and what is missing together."""
     response = replace(ergoqp.load_problem(name).response, damping=1e-4)
-    person = Alike(response)
+    person = ModelPerson(response)
     start = person.start_at(response.comfort)
     posture, _ = person.settle(start.posture, start.pose, start.grasp, start.soles, steps=2000)
     rates = np.array(response.drift()(posture, NOBODY)).ravel()
@@ -111,7 +111,7 @@ def test_the_eyes_are_where_eyes_are() -> None:
     [
         ({"looks": "yes"}, "looks: got 'yes'"),
         ({"attention": 0.0}, "attention: got 0"),
-        ({"free_arm": "floats"}, "free_arm: got 'floats', allowed 'hangs', 'rests' or none"),
+        ({"free_arm": "floats"}, "free_arm: got 'floats', allowed hangs, rests"),
     ],
 )
 def test_wrong_terms_are_named(terms: dict, sentence: str) -> None:

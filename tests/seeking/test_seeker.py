@@ -13,16 +13,16 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identifier
-from ergoqp.identification.resting import Resting
+from ergoqp.identification.loops import Resting
 from ergoqp.joints import JOINTS
-from ergoqp.problem.frames import Frames
 from ergoqp.problem.problem import Problem
-from ergoqp.seeking import Place, Seeker, Seeking
-from ergoqp.seeking.tries import THEIRS
+from ergoqp.problem.settings import Frames
+from ergoqp.rest.best_place import awkward_place
+from ergoqp.seeking import Place, Seeker, SeekOptions
+from ergoqp.seeking.next_place import THEIRS
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run
-from ergoqp.simulation.starts import awkward_place
 
 
 @cache
@@ -63,6 +63,7 @@ def test_it_ends_at_the_best_that_it_measured(kind: str, name: str, seed: int) -
     assert run.tries[0].ended < 20.0
 
 
+@pytest.mark.slow
 def test_the_account_is_saved_with_the_run(tmp_path) -> None:
     run = sought("stubborn", "desk", 2)
     saved = json.loads(run.save(tmp_path).read_text(encoding="utf-8"))["tries"]
@@ -71,6 +72,7 @@ def test_the_account_is_saved_with_the_run(tmp_path) -> None:
     assert saved[0]["score"] == pytest.approx(run.tries[0].score)
 
 
+@pytest.mark.slow
 def test_at_rest_at_the_end_it_says_so() -> None:
     run = sought("stubborn", "desk", 2)
     assert run.reasons[-1] == "at rest: at the best of the places tried"
@@ -97,7 +99,7 @@ def test_who_says_no_is_left_alone_until_asked_again() -> None:
 @pytest.mark.slow
 def test_a_person_who_never_follows_ends_at_rest_in_time() -> None:
     problem, _, posture = start("alike", "screwing", 1)
-    how = Seeking(patience=5.0, longest=20.0)
+    how = SeekOptions(patience=5.0, longest=20.0)
     seeker = Seeker(problem, [best_of_model("screwing")], how, patient=True)
     steps = steps_of(seeker, posture, 4000)
     assert not any(step.twist.any() for step in steps[-500:])
@@ -108,7 +110,7 @@ def test_a_person_who_never_follows_ends_at_rest_in_time() -> None:
 @pytest.mark.slow
 def test_whatever_comes_in_a_step_comes_out() -> None:
     problem, _, posture = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=1.0), patient=True)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(patience=1.0), patient=True)
     rng, wild = np.random.default_rng(0), posture.copy()
     for i in range(600):
         wild = posture + rng.normal(scale=2.0 if i % 3 else 40.0, size=32)
@@ -125,7 +127,7 @@ def test_whatever_comes_in_a_step_comes_out() -> None:
 def test_thinking_aside_does_not_hold_up_the_loop() -> None:
     """It is thought about while the object rests; no step waits for it."""
     problem, holding, _ = start("stubborn", "desk", 2)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=120.0))
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=120.0))
     person, pose = holding.copy(), holding.pose.copy()
     thinks = 0
     for _ in range(9000):
@@ -154,6 +156,7 @@ def test_a_thought_that_goes_wrong_ends_at_what_was_measured(monkeypatch, caplog
     assert {each.name for each in run.tries} <= {"descent", "model"}
 
 
+@pytest.mark.slow
 def test_mistakes_are_one_sentence() -> None:
     problem = ergoqp.load_problem("desk")
     with pytest.raises(InputError, match="guide: got one"):
@@ -192,6 +195,7 @@ def test_without_places_it_descends_and_still_thinks() -> None:
     assert any(step.twist.any() for step in steps_of(Seeker(problem, thinks=False), posture, 50))
 
 
+@pytest.mark.slow
 def test_a_period_that_is_none_is_no_time() -> None:
     problem, _, posture = start("alike", "desk", 0)
     seeker = Seeker(problem, [best_of_model("desk")], thinks=False)
@@ -205,7 +209,7 @@ def test_a_period_that_is_none_is_no_time() -> None:
 @pytest.mark.slow
 def test_while_it_is_not_enabled_no_try_runs_out_of_time() -> None:
     problem, _, posture = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=1.0), thinks=False)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(patience=1.0), thinks=False)
     for _ in range(400):
         seeker.step(posture, enable=False)
     assert not seeker.account
@@ -216,11 +220,11 @@ def test_while_it_is_not_enabled_no_try_runs_out_of_time() -> None:
 def test_it_says_why_it_stays(monkeypatch) -> None:
     """While it is thought about, and where nobody came to rest anywhere, nothing is best yet."""
     problem, holding, posture = start("stubborn", "desk", 2)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(patience=0.5, longest=1.0))
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(patience=0.5, longest=1.0))
     steps = steps_of(seeker, posture, 600)
     assert seeker.best is None
     assert steps[-1].reason == "at rest: the person came to rest nowhere"
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=120.0))
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=120.0))
     monkeypatch.setattr(type(seeker._thought), "done", property(lambda self: False))
     said, pose, person = set(), holding.pose.copy(), holding.copy()
     for _ in range(6000):
@@ -257,7 +261,7 @@ def test_a_thought_after_a_place_without_rest_is_a_new_one(monkeypatch) -> None:
 @pytest.mark.slow
 def test_who_became_another_is_not_known_by_the_rests_before() -> None:
     problem, _, posture = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=0.0), patient=True)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=0.0), patient=True)
     steps_of(seeker, problem.response.comfort, 1500)  # type: ignore[attr-defined]
     assert not seeker.seeks
     assert seeker.account
@@ -274,7 +278,7 @@ def test_who_became_another_is_not_known_by_the_rests_before() -> None:
 @pytest.mark.slow
 def test_an_object_that_somebody_moved_away_is_led_anew() -> None:
     problem, holding, _ = start("alike", "desk", 0)
-    seeker = Seeker(problem, [best_of_model("desk")], Seeking(longest=0.0), patient=True)
+    seeker = Seeker(problem, [best_of_model("desk")], SeekOptions(longest=0.0), patient=True)
     person, pose = holding.copy(), holding.pose.copy()
     for _ in range(3000):
         pose = moved(pose, seeker.step(person.posture, pose).twist * seeker.dt)

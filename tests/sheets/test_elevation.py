@@ -10,11 +10,11 @@ from sheet_postures import score
 import ergoqp
 from ergoqp import reba
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.datasets.postures import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.sheets.elevation import elevation_of
+from ergoqp.sheets.description import elevation_of
 
 ELEVATION = reba.Method(upper_arm="elevation")
 

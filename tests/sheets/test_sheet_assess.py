@@ -13,8 +13,7 @@ from ergoqp import JOINTS, reba
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.sheets.options import sheet_of
-from ergoqp.sheets.task import DEFAULTS, TaskOptions
+from ergoqp.sheets.options import DEFAULTS, TaskOptions, sheet_of
 
 CELLS = {name: table.cells for name, table in sheet_of(reba.Method()).tables.items()}
 

@@ -15,10 +15,10 @@ from ergoqp.limits import (
     TwistLimit,
     WorkspaceBox,
 )
-from ergoqp.problem.control import Control
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.check import Checker
+from ergoqp.problem.settings import Control
+from ergoqp.simulation.check import Checker, _Solid
 
 DT = 0.01
 STILL, HERE, UPRIGHT, NO_RATE = np.zeros(6), np.eye(4), np.zeros(32), np.zeros(32)
@@ -298,3 +298,10 @@ def test_a_rate_is_held_to_the_accuracy_of_the_qp(problem: Problem) -> None:
     for beyond, broken in ((0.9e-7, []), (1.2e-7, ["joint rate"])):
         rate[joint] = np.radians(30) + beyond
         assert Checker(problem).check(STILL, STILL, HERE, UPRIGHT, rate, DT) == broken
+
+
+def test_a_ball_smaller_than_what_is_spared_of_it_is_crossed_nowhere() -> None:
+    ball = _Solid(np.empty((0, 3)), np.empty(0), np.array([0.1, 0.0, 0.0]), 0.0005, 0.001)
+    less = ball.drawn(np.zeros(3), -ball.spared, np.zeros(3))
+    enter, leave = less.crossed(np.zeros(3), np.eye(3))
+    assert (enter > leave).all()

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.loops import power_above
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.workspace import frame_of
-from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.problem.settings import DeclaredRobot
+from ergoqp.rest.model_person import sample_person
+from ergoqp.rest.person_protocol import SensorModel, frames
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import power_above, run_loop, settle_time
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.people.senses import Senses, frames
+from ergoqp.simulation.loop import run_loop, settle_time
 from ergoqp.simulation.robot import RobotKind, moved
 from ergoqp.step.stepper import Stepper
 
@@ -126,13 +127,13 @@ def test_lost_frames_and_blind_joints_stop_nothing() -> None:
     person = sample_person(problem, seed=1)
     start, checker = person.start_at(person.response.comfort), Checker(problem)
     seen = np.random.default_rng(0).random(32) > 0.3
-    senses = Senses(lost=0.3)
+    senses = SensorModel(lost=0.3)
     trace = run_loop(
         problem, person.holding(start, senses), duration=1.0, seed=1, observed=seen, checker=checker
     )
     assert sum(checker.violations.values()) == 0, checker.max_violation
     assert any(step.status == "braking" for step in trace.steps) or len(trace.steps) == 100
-    blind = run_loop(problem, person.holding(start, Senses(lost=1.0)), duration=0.5, seed=1)
+    blind = run_loop(problem, person.holding(start, SensorModel(lost=1.0)), duration=0.5, seed=1)
     assert {step.status for step in blind.steps[12:]} == {"braking"}
     assert np.abs(blind.twists[-1]).max() == 0
 
@@ -149,7 +150,7 @@ def test_people_are_the_same_for_the_same_seed_and_not_the_model() -> None:
 
 
 def test_noise_and_lost_frames_are_as_announced() -> None:
-    seen = frames(Senses(), 0.01, np.random.default_rng(0))
+    seen = frames(SensorModel(), 0.01, np.random.default_rng(0))
     errors, arrives = zip(*(next(seen) for _ in range(20_000)), strict=True)
     assert np.mean(arrives) == pytest.approx(0.99, abs=0.003)
     white = np.diff(np.array(errors), axis=0).std() / np.sqrt(2)

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from ergoqp.placing.optimise import optimise
+from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.workspace import frame_of
-from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.people.alike import Alike, sample_person
+from ergoqp.rest.model_person import ModelPerson, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.step.guide.place import read_guide
+from ergoqp.step.guide import read_guide
 
 THERE, WAITING = "drawn toward the given place", "at the given place, waiting for the person"
 BACK = "drawn back to where it was better than at the given place"
 
 
 @cache
-def overhead() -> tuple[Problem, Alike, np.ndarray]:
+def overhead() -> tuple[Problem, ModelPerson, np.ndarray]:
     """A person far to the right of a low panel: descent comes to rest two points above what is
     possible."""
     problem = load_problem("overhead")
@@ -83,6 +83,7 @@ def test_a_worse_place_is_tried_once_and_left_again() -> None:
     assert begun.size == 1
 
 
+@pytest.mark.slow
 def test_a_run_tells_its_place() -> None:
     assert led("alone").guide is None
     assert summary_of_run(led("alone"))["guide"] is None

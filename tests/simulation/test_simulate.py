@@ -13,12 +13,12 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
-from ergoqp.problem.control import Control
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.problem.settings import Control
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run, arrays_of, summary_of_run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.simulation.starts import awkward_start
 
 KEYS = {
     "tries",
@@ -99,6 +99,7 @@ def test_every_field_is_filled(problem, run):
     assert run.recording is None
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_the_true_postures(problem, run, start):
     np.testing.assert_array_equal(run.reba, problem.assess(run.postures).final)
     np.testing.assert_array_equal(run.assessment.final, run.reba[[0, -1]])

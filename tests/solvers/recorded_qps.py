@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 
 from ergoqp.comparison.record import RecordedQps, record
-from ergoqp.problem_files.load import load_problem
-from ergoqp.solvers.sequence import Qp
+from ergoqp.problem.load import load_problem
+from ergoqp.solvers.session import Qp
 
 
 @cache

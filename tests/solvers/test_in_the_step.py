@@ -25,8 +25,7 @@ from ergoqp.comparison.compare import compare
 from ergoqp.errors import InputError
 from ergoqp.solvers import installed_solvers, open_session, solver_named
 from ergoqp.solvers import solver as solver_module
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
+from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import FREE, QpSolver
 from ergoqp.step.function import step_function
 from ergoqp.step.stepper import Stepper
@@ -124,7 +123,7 @@ def test_a_solver_that_is_given_as_an_object_is_used_logged_and_replayed() -> No
     assert log[0]["loop"]["solver"] == "daqp"
     sentence = (
         "log: entry 0 is of a loop with a solver 'daqp' that was given as an object, which a log"
-        " does not hold, allowed with replay(..., solver=that object)"
+        " does not hold; give replay(..., solver=that object)"
     )
     with pytest.raises(InputError) as raised:
         ergoqp.replay(problem, log)

@@ -8,9 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ergoqp.solvers.judge import judge, shifted_geometric_mean
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.session import Qp, QpAnswer, judge, shifted_geometric_mean
 
 
 def known(rng: np.random.Generator, n: int = 6, m: int = 5) -> tuple[Qp, QpAnswer]:

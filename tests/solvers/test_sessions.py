@@ -13,9 +13,7 @@ from recorded_qps import contradictory, recordings, samples, twice
 
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session
-from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import PARTS, Qp
-from ergoqp.solvers.session import FLAGS
+from ergoqp.solvers.session import FLAGS, PARTS, Qp, judge
 
 INSTALLED = installed_solvers()
 # HiGHS takes a multiplier of some 1e-4 for none, whatever its tolerances say.
@@ -29,6 +27,7 @@ def parts(qp: Qp) -> list[np.ndarray]:
     return [getattr(qp, name) for name in PARTS]
 
 
+@pytest.mark.slow
 def test_the_recorded_answers_are_certified_by_two_solvers() -> None:
     assert {part.sequence.size for part in recordings()} == {(6, 17), (23, 17), (6, 22), (6, 2)}
     for qps in samples():
@@ -74,6 +73,7 @@ def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
     assert solved >= 0.75 * total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INSTALLED)
 def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(
     name: str, capfd: pytest.CaptureFixture[str]
@@ -97,6 +97,7 @@ def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INSTALLED)
 def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
     qp, x = samples()[0][0]
@@ -123,6 +124,7 @@ def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_warm_start_saves_iterations_along_a_trajectory() -> None:
     sequence = next(part.sequence for part in recordings() if part.sequence.name == "dentist.0")
     counts = {}
@@ -157,6 +159,7 @@ def test_mistakes_are_named(arguments: tuple, said: str) -> None:
     assert said in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_wrong_shape_is_named() -> None:
     qp, _ = samples()[0][0]
     with pytest.raises(InputError, match=r"A: got shape \(3, 6\), allowed \(17, 6\)"):

@@ -19,11 +19,10 @@ import numpy as np
 from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.geometry import frame_of
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.problem.workspace import frame_of
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
 
@@ -203,7 +202,7 @@ def answers(stepper: Stepper, inputs: list[dict[str, Any]]) -> Iterator[Step]:
 
 def told(step: Step) -> np.ndarray:
     """Return all that a step says, and the state that it leaves."""
-    return step._account.values
+    return step._values
 
 
 def drive(loop: Loop, seed: int) -> list[dict[str, Any]]:

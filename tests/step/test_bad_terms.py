@@ -14,15 +14,14 @@ import pytest
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
-from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit, WorkspaceBox
+from ergoqp.limits import LimitContext, OneClassBoundary, Rows, TwistLimit, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
-from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
-from ergoqp.step.certification import _shorten_function
+from ergoqp.problem.settings import Control
+from ergoqp.step.certification import Margins, _shorten_function, smallest_margins
 from ergoqp.step.function import step_function
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import qp_data
-from ergoqp.step.program.margins import Margins, smallest_margins
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 
 SOLVERS = ("daqp", "osqp", "highs")
@@ -100,29 +99,29 @@ class Wall:
     names = ("wall",)
     unit = "m"
     hard = True
-    returns = (True,)
+    recovers = (True,)
     yield_zone = 0.0
-    proven = False
+    margin_is_lower_bound = False
 
     def measure(self) -> None:
         return None
 
-    def rows(self, situation: Situation) -> Rows:
-        beyond = situation.pose[0, 3] - 0.55
-        left = 0.6 - situation.pose[0, 3]
+    def rows(self, context: LimitContext) -> Rows:
+        beyond = context.pose[0, 3] - 0.55
+        left = 0.6 - context.pose[0, 3]
         none, zero = left * 0 + ca.inf, left * 0
-        ends = {"below": none, "above": left, "rate": none, "reserve": zero}
+        ends = {"to_lower": none, "to_upper": left, "rate": none, "curvature_margin": zero}
         ends = {name: spoiled(end, beyond, self.bad.get(name)) for name, end in ends.items()}
         one = spoiled(zero + 1, beyond, self.bad.get("matrix"))
-        return situation.counted("wall", Rows(ca.horzcat(one, *[zero] * 5), **ends))
+        return context.reduced("wall", Rows(ca.horzcat(one, *[zero] * 5), **ends))
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
-        least = straight_margins(self.rows(situation), displacement)
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
+        least = straight_margins(self.rows(context), displacement)
         if "margins ahead" in self.bad:
-            return spoiled(least, situation.pose[0, 3] + displacement[0] - 0.55, np.nan)
+            return spoiled(least, context.pose[0, 3] + displacement[0] - 0.55, np.nan)
         if "margins here" in self.bad:
             return spoiled(least, 1e-14 - ca.sumsqr(displacement), np.nan)
-        return spoiled(least, situation.pose[0, 3] - 0.55, self.bad.get("margins"))
+        return spoiled(least, context.pose[0, 3] - 0.55, self.bad.get("margins"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,22 +135,22 @@ class Lean:
     names = ("lean",)
     unit = "rad"
     hard = False
-    returns = (False,)
+    recovers = (False,)
     yield_zone = 0.0
-    proven = False
+    margin_is_lower_bound = False
 
     def measure(self) -> ca.Function:
         q = ca.MX.sym("q", 32)
         return ca.Function("measure", [q], [spoiled(q[1] + 3, q[1], self.bad.get("readings"))])
 
-    def rows(self, situation: Situation) -> Rows:
-        left = situation.readings["lean"] + situation.shift[1]
+    def rows(self, context: LimitContext) -> Rows:
+        left = context.readings["lean"] + context.shift[1]
         none, zero = left * 0 + ca.inf, left * 0
-        below = spoiled(left, situation.posture[1], self.bad.get("below"))
-        return Rows(situation.sensitivity[1, :], below, none, none, zero)
+        below = spoiled(left, context.posture[1], self.bad.get("to_lower"))
+        return Rows(context.sensitivity[1, :], below, none, none, zero)
 
-    def margins(self, situation: Situation, displacement: Any) -> Any:
-        return straight_margins(self.rows(situation), displacement)
+    def margins(self, context: LimitContext, displacement: Any) -> Any:
+        return straight_margins(self.rows(context), displacement)
 
 
 BOX = WorkspaceBox((0, 0, 0), (1, 1, 1))
@@ -193,11 +192,12 @@ FORWARD = np.r_[-3.0, np.zeros(31)]
 """The cost draws the object along x."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "solver"),
     [
-        *((where, "daqp") for where in ("margins ahead", "above", "rate", "reserve")),
-        *((where, solver) for where in ("margins", "below", "matrix") for solver in SOLVERS),
+        *((where, "daqp") for where in ("margins ahead", "to_upper", "rate", "curvature_margin")),
+        *((where, solver) for where in ("margins", "to_lower", "matrix") for solver in SOLVERS),
     ],
 )
 def test_nan_of_a_limit_brakes_and_is_named(where: str, solver: str) -> None:
@@ -220,7 +220,8 @@ def test_nan_of_a_limit_brakes_and_is_named(where: str, solver: str) -> None:
         assert {step.reason for _, step in steps} == {"", named}
 
 
-@pytest.mark.parametrize("where", ["readings", "below"])
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["readings", "to_lower"])
 @pytest.mark.parametrize("linear", [False, True])
 def test_nan_of_a_limit_of_the_posture_is_named(linear: bool, where: str) -> None:
     lean = Lean(linear=linear)
@@ -234,6 +235,7 @@ def test_nan_of_a_limit_of_the_posture_is_named(linear: bool, where: str) -> Non
     assert step.reason == "limits: got NaN in rows or margins of lean, allowed numbers"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "bad", "reason", "solver"),
     [
@@ -304,7 +306,7 @@ def test_terms_without_a_fault_say_nothing(solver: str) -> None:
 def test_the_compiled_step_brakes_by_the_same_names() -> None:
     wall, cost = Wall(), Pull()
     problem = problem_with(cost=cost, limits=[wall])
-    wall.bad["below"] = cost.bad["value"] = np.nan
+    wall.bad["to_lower"] = cost.bad["value"] = np.nan
     plain, compiled = Stepper(problem), Stepper(problem, compiled=True)
     postures = [FORWARD] * 80 + [FORWARD + 0.1 * np.eye(32)[1]] * 3
     reasons = set()
@@ -332,7 +334,7 @@ def test_nan_of_the_present_margin_alone_is_named() -> None:
 
 
 @pytest.mark.parametrize("linear", [False, True])
-@pytest.mark.parametrize("where", ["below", "above", "rate", "reserve", "matrix"])
+@pytest.mark.parametrize("where", ["to_lower", "to_upper", "rate", "curvature_margin", "matrix"])
 def test_present_margins_and_the_objective_keep_the_nan_of_a_row(where: str, linear: bool) -> None:
     wall = Wall(linear=linear)
     problem = problem_with(limits=[wall])
@@ -353,7 +355,7 @@ def test_no_share_of_the_way_is_certified_by_nan() -> None:
     class Hole(Wall):
         """Margins that are negative far ahead, NaN less far, and positive here."""
 
-        def margins(self, situation: Situation, displacement: Any) -> Any:
+        def margins(self, context: LimitContext, displacement: Any) -> Any:
             ahead = displacement[0]
             near = ca.if_else(ahead > 0.75 * full, -1, 1 if holds else np.nan)
             return ca.if_else(ahead > 1e-9, near, 1)
@@ -377,7 +379,7 @@ def test_no_share_of_the_way_is_certified_by_nan() -> None:
 
 def test_a_hold_does_not_hide_nan() -> None:
     class Far(Wall):
-        def margins(self, situation: Situation, displacement: Any) -> Any:
+        def margins(self, context: LimitContext, displacement: Any) -> Any:
             return ca.if_else(displacement[0] > 0.5, np.nan, ca.DM([1.0]))
 
     ways = ca.DM([[0.0, 1.0], *[[0.0, 0.0]] * 5])
@@ -409,7 +411,7 @@ def test_a_model_of_a_user_that_gives_nan_is_named() -> None:
     assert step.reason == "limits: got NaN in rows or margins of boundary, allowed numbers"
 
 
-class Asked(ca.Callback):
+class AskedCost(ca.Callback):
     """A cost in Python, which can raise or be slow; the steps of its `does` come first."""
 
     def __init__(self, size: int = 32) -> None:
@@ -430,7 +432,7 @@ class Asked(ca.Callback):
 class AsPlain(Pull):
     """`Pull` through Python, with the four members that every cost has."""
 
-    asked = Asked(6)
+    asked = AskedCost(6)
 
     def expression(self, q: Any) -> Any:
         return self.asked(q[:6])
@@ -440,7 +442,7 @@ class InPython(Pull):
     """`Pull` through Python."""
 
     dense = True
-    asked = Asked()
+    asked = AskedCost()
 
     def expression(self, q: Any) -> Any:
         return self.asked(q)
@@ -499,7 +501,7 @@ def test_an_interrupt_within_a_term_is_no_error_of_it() -> None:
     assert stepper.step(FORWARD).status == "optimal"
 
 
-class Nothing(Asked):
+class Nothing(AskedCost):
     """Adds nothing to a response, but asks Python for it."""
 
     def eval(self, arguments: Any) -> Any:
@@ -562,11 +564,11 @@ def test_a_response_that_raises_brakes_and_is_named(which: str) -> None:
 class WallInPython(Wall):
     """`Wall`, whose end asks Python."""
 
-    asked = Asked()
+    asked = AskedCost()
 
-    def rows(self, situation: Situation) -> Rows:
-        rows = super().rows(situation)
-        return replace(rows, above=rows.above + 1e-9 * self.asked(situation.posture))
+    def rows(self, context: LimitContext) -> Rows:
+        rows = super().rows(context)
+        return replace(rows, to_upper=rows.to_upper + 1e-9 * self.asked(context.posture))
 
 
 @pytest.mark.slow

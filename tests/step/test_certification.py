@@ -13,10 +13,10 @@ from step_samples import bold_stepper, comfort_of, held_pose, near_comfort, prob
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.answer.accounting import _rate_excess
+from ergoqp.step.answer import _rate_excess
 from ergoqp.step.certification import (
     GIVES_WAY,
     HELD,
@@ -40,7 +40,7 @@ def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("now", "at_braking", "hard", "proven", "soft"),
+    ("now", "at_braking", "hard", "margin_is_lower_bound", "soft"),
     [
         # What holds, and would through braking, has to hold.
         (0.1, 0.05, 0.0, 0.0, -1e-7),
@@ -53,13 +53,13 @@ def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:
     ],
 )
 def test_what_an_accepted_twist_must_keep(
-    now: float, at_braking: float, hard: float, proven: float, soft: float
+    now: float, at_braking: float, hard: float, margin_is_lower_bound: float, soft: float
 ) -> None:
     points, person = (
         floors(load_problem("forearm"), now, at_braking),
         floors(problem_of("screwing"), now, at_braking),
     )
-    assert points["boundary"] == pytest.approx(proven - HELD, abs=1e-12)
+    assert points["boundary"] == pytest.approx(margin_is_lower_bound - HELD, abs=1e-12)
     assert person["workspace x"] == pytest.approx(hard - HELD, abs=1e-12)
     assert person["tool axis"] == pytest.approx(hard - HELD, abs=1e-12)
     assert person["trunk_flexion"] == pytest.approx(soft, abs=1e-12)

@@ -10,11 +10,11 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.problem.frames import Frames
+from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
-from ergoqp.problem_files.load import load_problem
+from ergoqp.problem.settings import Frames
 from ergoqp.simulation.robot import moved
-from ergoqp.step.answer.causes import Cause
+from ergoqp.step.causes import Cause
 from ergoqp.step.frames_check import AGREED, BEYOND, DOUBTED, PERIOD, _judged, bounds
 from ergoqp.step.stepper import Step, Stepper
 
@@ -112,6 +112,7 @@ def test_what_counts_is_the_distance_and_the_angle_together(
     np.testing.assert_allclose(after[4:], [distance, np.radians(degrees)], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_millimetres_are_no_pose() -> None:
     stepper, posture = stepper_of(), at_work(problem_of())
     stepper.reset()

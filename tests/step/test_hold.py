@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from step_samples import Held, comfort_of, held_pose, near_comfort, problem_of
 
-from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 
 
+@pytest.mark.slow
 def test_held_it_comes_to_rest_and_says_so() -> None:
     stepper = Stepper(problem_of("screwing"))
     posture = near_comfort("screwing", np.random.default_rng(0), 20)

@@ -16,7 +16,7 @@ from step_samples import NAMES, Held, bold_stepper, held_pose, near_comfort, pro
 from ergoqp.limits import WorkspaceBox
 from ergoqp.solvers import installed_solvers, solver_named
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.program.qp import ELBOW, PENALTY, TOLERANCE, _residual, build_qp
+from ergoqp.step.qp import ELBOW, PENALTY, TOLERANCE, _residual, build_qp
 
 
 @cache

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ergoqp.step.robot_watch.faults import Fault, fault_of, fault_sentence
+from ergoqp.step.causes import Fault, fault_of, fault_sentence
 
 
 def named() -> ca.Function:

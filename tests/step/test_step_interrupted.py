@@ -17,10 +17,10 @@ import pytest
 from step_samples import held_pose, near_comfort, problem_of
 
 import ergoqp
-from ergoqp.problem.control import Control
-from ergoqp.step.guide.place import Guide
+from ergoqp.problem.settings import Control
+from ergoqp.step.guide import Guide
+from ergoqp.step.layout import places
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import places
 from ergoqp.step.stepper import Stepper
 
 PACKAGE = str(Path(ergoqp.__file__).parent)

@@ -9,8 +9,8 @@ import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import qp_data
-from ergoqp.step.program.objective import gain_function
+from ergoqp.step.objective import gain_function
+from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 
 

@@ -20,7 +20,7 @@ from step_samples import (
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.stepper import Stepper
 
@@ -50,6 +50,7 @@ def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: Robo
     assert nearest > -0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [2.0, -0.5, 0.3, None])
 def test_nothing_that_is_reported_leads_anywhere_else_than_what_was_sent(
     share: float | None,
@@ -409,6 +410,7 @@ def reasons_of_a_lie(share: float, offset: float, dt: float) -> list[str]:
     return reasons
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, -1.0, 3.0])
 def test_a_sample_over_a_period_that_is_too_long_shows_nothing(share: float) -> None:
     """Its noise over that time exceeds a fault; the same lie at the usual period is named."""

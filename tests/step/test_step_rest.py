@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ergoqp.problem.control import Control
+from ergoqp.problem.settings import Control
 from ergoqp.step.rest import STATES, rest_update, stalled
 
 

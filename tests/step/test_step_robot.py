@@ -14,11 +14,11 @@ from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, pla
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.faults import _rotation
 from ergoqp.step.model import StepModel
-from ergoqp.step.program.data import away_function
-from ergoqp.step.robot_watch.watch import _rotation
+from ergoqp.step.qp import away_function
 from ergoqp.step.stepper import Stepper
 
 
@@ -90,6 +90,7 @@ def test_after_a_pose_that_jumped_the_object_rests_before_it_moves_again(plain: 
     assert 50 <= rested < 80
 
 
+@pytest.mark.slow
 def test_a_hold_of_a_lagging_robot_that_is_declared_is_no_fault() -> None:
     """What it could do in a long period was judged by its speed at the end of it."""
     robot = DeclaredRobot(lag=0.05, gain_error=0.08, longest_hold=0.2)
@@ -103,6 +104,7 @@ def test_a_hold_of_a_lagging_robot_that_is_declared_is_no_fault() -> None:
         list(sim.execute(step.twist, dt))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("by", ["pose", "twist", "a twist now and then"])
 def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, by: str) -> None:
@@ -143,6 +145,7 @@ def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: fl
     np.testing.assert_allclose(stepper.brake(elapsed=elapsed).twist, one_by_one, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("true_lag", [0.0, 0.1, 0.2])
 def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_rest_either(
     true_lag: float,
@@ -157,6 +160,7 @@ def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_re
         list(sim.execute(step.twist, 0.21 if number == 10 else 0.01))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", [0.01, 0.02, 0.03, 0.04, 0.05])
 def test_a_hold_that_is_shorter_than_declared_is_no_fault(hold: float) -> None:
     """Of a leap along two axes neither stood out alone, but both together were a fault."""
@@ -189,6 +193,7 @@ def test_where_a_hold_is_declared_nothing_moves_without_a_measured_pose() -> Non
     assert not [loop.step(q, pose=None) for _ in range(60)][-1].twist.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "said"),
     [

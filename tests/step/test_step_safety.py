@@ -25,13 +25,12 @@ from step_samples import (
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.solvers.daqp import Daqp
-from ergoqp.step.function import build_step
+from ergoqp.step.function import build_step, state_at_start
 from ergoqp.step.model import StepModel
-from ergoqp.step.state import state_at_start
 from ergoqp.step.stepper import Step, Stepper
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
@@ -121,6 +120,7 @@ def test_an_object_inside_stays_inside_whatever_the_person_does(
             pose, previous = moved(pose, step.twist * dt), step.twist
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_jerk_of_what_is_sent_is_bounded_in_periods_of_any_length(name: str) -> None:
     """At full speed into walls and cones, with lost frames, stops and starts: never above 2 a / W,
@@ -522,9 +522,10 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
             previous = step.twist
 
 
+@pytest.mark.slow
 def test_a_short_fuzz_finds_nothing_wrong() -> None:
     fuzz = pytest.importorskip(
-        "benchmarks.fuzz", reason="the benchmarks of the checkout are not importable here"
+        "tools.fuzz.fuzz", reason="the benchmarks of the checkout are not importable here"
     )
     counts: Counter = Counter()
     examples: list[str] = []

@@ -11,7 +11,7 @@ from step_samples import held_pose, near_comfort, problem_of
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.stepper import Stepper
 
 LATE = DeclaredRobot(delay=0.03, lag=0.05, pose_delay=0.02, pose_noise=0.001)
@@ -37,7 +37,7 @@ def test_from_a_state_the_loop_goes_on_as_it_did(kind: str) -> None:
     one.restore(state)
     for call in more:
         first, second = one.step(**call), other.step(**call)
-        np.testing.assert_array_equal(first._account.values, second._account.values)
+        np.testing.assert_array_equal(first._values, second._values)
     np.testing.assert_array_equal(one.state(), other.state())
     np.testing.assert_array_equal(one.brake().twist, other.brake().twist)
 
@@ -72,7 +72,7 @@ def test_it_is_that_of_a_guide_or_of_a_moving_object_where_asked() -> None:
 
 def _with_fault(state: np.ndarray, code: float) -> np.ndarray:
     changed = state.copy()
-    changed[Stepper(problem_of("screwing"))._layout.parts["fault"].start] = code
+    changed[Stepper(problem_of("screwing"))._parts["fault"].start] = code
     return changed
 
 
@@ -106,6 +106,7 @@ def test_the_caller_may_write_to_it() -> None:
     np.testing.assert_array_equal(stepper.frame[0], posture)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

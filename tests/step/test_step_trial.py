@@ -9,19 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ergoqp.problem.control import Control
-from ergoqp.step.guide.trial import (
+from ergoqp.problem.settings import Control
+from ergoqp.step.rest import (
     AFTER,
     BACK,
     DESCENT,
     FIRM,
     LOOK,
+    STATES,
     THERE,
     TRIAL,
     UNKNOWN,
     trial_update,
 )
-from ergoqp.step.rest import STATES
 
 CONTROL = Control()
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.tracking_faults import CONE, FAR, Cornered, driven_problem, turn_about
 from ergoqp.joints import JOINTS
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Stepper
 
@@ -44,6 +44,7 @@ def test_a_robot_as_declared_that_turns_on_and_on_is_no_fault(
         assert turn_about(stepper, kind, 12.0, np.random.default_rng(seed), False) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("declared", "seed"),
     [
@@ -65,6 +66,7 @@ def test_a_robot_that_is_late_and_does_half_as_much_again_is_no_fault_where_that
     assert turn_about(stepper, kind, 6.5, np.random.default_rng(seed), False) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("declared", "true"),
     [

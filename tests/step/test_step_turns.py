@@ -8,19 +8,17 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from limits.situations import SIZES
+from limits.contexts import SIZES
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
-from ergoqp.limits import AxisCone, Rows, Situation, TwistLimit
+from ergoqp.limits import AxisCone, LimitContext, Rows, TwistLimit
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
+from ergoqp.step.delay import landing, next_history, under_way
+from ergoqp.step.layout import count, initial_history
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import count
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.under_way.history import initial_history
-from ergoqp.step.under_way.landing import landing
-from ergoqp.step.under_way.motion import next_history, under_way
 
 DT = 0.01
 
@@ -54,23 +52,22 @@ class Believed:
         parts, cone = model.under_way.split(place[1]), problem.limit_of(AxisCone)
         nobody = {
             name: ca.SX(*SIZES[name])
-            for name in ("posture", "observed", "sensitivity", "swing", "change")
+            for name in ("posture", "observed", "sensitivity", "stop_displacement", "change")
         }
         where = {
             "pose": place[0],
-            "ahead": parts.ahead,
-            "lost": parts.lost,
-            "stray": parts.stray,
-            "raised": parts.raised,
+            **{name: part for name, part in parts.items() if name != "turn"},
         }
-        situation = Situation(**nobody, **where, lead=place[2][:, 1], most=place[2][:, 2])
-        margin = ca.Function("margin", place, [cone.margins(situation, place[2][:, 0])])
+        context = LimitContext(
+            **nobody, **where, overshoot=place[2][:, 1], overshoot_bound=place[2][:, 2]
+        )
+        margin = ca.Function("margin", place, [cone.margins(context, place[2][:, 0])])
         law, u, h = problem.stop, ca.SX.sym("u", 6), ca.SX.sym("h")
         ways = ca.Function("ways", [u, h], [law.ways(u, h)])
         self.margin = ca.Function(
             "believed", [at, history, twist, dt], [margin(landed, way, ways(twist, dt))]
         )
-        mean = found.begun + found.own * twist
+        mean = found["begun"] + found["own"] * twist
         self.mean = ca.Function("mean", [history, twist, dt], [mean])
         after = ca.vertcat(*next_history(model, history, found, twist, sent, still))
         self.after = ca.Function("after", [history, twist, sent, still, dt], [after])
@@ -80,11 +77,11 @@ def margins(cone: AxisCone, pose: np.ndarray, displacement: np.ndarray, **given:
     """The cone's margin on the way to a displacement (6,) of an object that nobody works on."""
     nobody = {
         name: ca.SX(*SIZES[name])
-        for name in ("posture", "observed", "sensitivity", "swing", "change")
+        for name in ("posture", "observed", "sensitivity", "stop_displacement", "change")
     }
     numbers = {name: ca.SX(ca.DM(value)) for name, value in given.items()}
     found = cone.margins(
-        Situation(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement))
+        LimitContext(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement))
     )
     return float(ca.evalf(found))
 
@@ -104,14 +101,16 @@ def test_what_a_rising_mean_adds_leads_no_further_out_than_believed() -> None:
     """Cut off axis by axis it led elsewhere: 1.5e-7 rad out across the slope, 1e-3 rad at worst."""
     rng, most = np.random.default_rng(3), np.array([0, 0, 0, 0.0012, 0.0012, 0.0012])
     close = []
-    for _ in range(400):
+    for _ in range(200):
         pose, u = (
             tilted(rng, 0.1, 0.6),
             np.concatenate([np.zeros(3), rng.normal(size=3) * rng.choice([0.01, 0.1, 1.0], 3)]),
         )
         lead, way = 0.045 * u, 0.1 * u
         added = np.clip(lead, -most, most)
-        bound = margins(CONE, pose, way + added, lead=lead, most=most, raised=0.0)
+        bound = margins(
+            CONE, pose, way + added, overshoot=lead, overshoot_bound=most, overshoot_angle=0.0
+        )
         # It goes on along the same line, for as long as every axis can.
         onward = 0.1 + min(0.045, float(np.min(most[3:] / np.abs(u[3:]))))
         places = [pose] + [moved(pose, u * seconds) for seconds in np.linspace(0, onward, 31)]
@@ -131,15 +130,17 @@ def test_a_row_of_two_axes_counts_on_no_axis_to_make_up_for_the_other() -> None:
     rows = Rows(matrix, ca.SX.zeros(1) + 1, ca.SX.zeros(1), free, straight)
     nobody = {
         name: ca.SX(*SIZES[name])
-        for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")
+        for name in ("posture", "observed", "pose", "sensitivity", "stop_displacement", "change")
     }
     for _ in range(50):
         u = np.concatenate([rng.normal(size=2) * rng.choice([0.01, 0.1, 1.0], 2), np.zeros(4)])
         lead, way = 0.045 * u, 0.1 * u
-        situation = Situation(**nobody, lead=ca.SX(ca.DM(lead)), most=ca.SX(ca.DM(most)))
+        context = LimitContext(
+            **nobody, overshoot=ca.SX(ca.DM(lead)), overshoot_bound=ca.SX(ca.DM(most))
+        )
         displacement = ca.SX(ca.DM(way + np.clip(lead, -most, most)))
-        assert float(ca.evalf(situation.straight(displacement)[0])) == pytest.approx(way[0])
-        bound = float(ca.evalf(straight_margins(rows, displacement, situation)))
+        assert float(ca.evalf(context.straight(displacement)[0])) == pytest.approx(way[0])
+        bound = float(ca.evalf(straight_margins(rows, displacement, context)))
         rate = max(u[0] - u[1], 0)
         assert bound == pytest.approx(-0.1 * rate - min(0.045 * rate, 0.002))
 
@@ -152,7 +153,9 @@ def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_fre
         ahead, way = (np.concatenate([np.zeros(3), 0.02 * rng.normal(size=3)]) for _ in range(2))
         # Outward, where the end of the way counts.
         way[3:] += 0.1 * np.cross([1, 0, 0], pose[:3, 0]) / np.linalg.norm(pose[1:3, 0])
-        kept = margins(CONE, pose, way) - margins(CONE, pose, way, ahead=ahead, stray=0.0)
+        kept = margins(CONE, pose, way) - margins(
+            CONE, pose, way, pending_displacement=ahead, direction_error=0.0
+        )
         after = moved(moved(free, ahead), way)[:3, :3]
         # What is under way ends soon, what is new goes on.
         first, second = (
@@ -169,8 +172,8 @@ def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_fre
         assert apart <= 1.02 * kept + 1e-9
         shares.append(apart / kept)
         # What is under way may leave its straight line, too.
-        bent = margins(CONE, pose, way, ahead=ahead, stray=0.0) - margins(
-            CONE, pose, way, ahead=ahead, stray=0.01
+        bent = margins(CONE, pose, way, pending_displacement=ahead, direction_error=0.0) - margins(
+            CONE, pose, way, pending_displacement=ahead, direction_error=0.01
         )
         assert bent == pytest.approx(0.01 * np.linalg.norm(way))
     assert max(shares) > 0.4
@@ -292,7 +295,11 @@ def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> N
         np.array([0, 0, 0, 0.01, 0.02, -0.01]),
     )
     plain = margins(CONE, pose, displacement)
-    known = {"lead": np.full(6, 0.01), "most": np.full(6, 0.02), "raised": 0.001}
+    known = {
+        "overshoot": np.full(6, 0.01),
+        "overshoot_bound": np.full(6, 0.02),
+        "overshoot_angle": 0.001,
+    }
     assert margins(CONE, pose, displacement, **known) < plain
     for missing in known:
         parts = {name: value for name, value in known.items() if name != missing}
@@ -302,14 +309,17 @@ def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> N
 def test_what_a_mean_adds_is_taken_off_a_way_only_where_all_of_it_is_known() -> None:
     nobody = {
         name: ca.SX(*SIZES[name])
-        for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")
+        for name in ("posture", "observed", "pose", "sensitivity", "stop_displacement", "change")
     }
-    way, known = np.arange(6) * 0.01, {"lead": ca.SX(6, 1) + 0.004, "most": ca.SX(6, 1) + 0.003}
+    way, known = (
+        np.arange(6) * 0.01,
+        {"overshoot": ca.SX(6, 1) + 0.004, "overshoot_bound": ca.SX(6, 1) + 0.003},
+    )
     for parts, expected in (
         (known, way - 0.003),
-        ({"lead": known["lead"]}, way),
-        ({"most": known["most"]}, way),
+        ({"overshoot": known["overshoot"]}, way),
+        ({"overshoot_bound": known["overshoot_bound"]}, way),
         ({}, way),
     ):
-        found = Situation(**nobody, **parts).straight(ca.SX(ca.DM(way)))
+        found = LimitContext(**nobody, **parts).straight(ca.SX(ca.DM(way)))
         np.testing.assert_allclose(np.array(ca.evalf(found)).ravel(), expected, atol=1e-15)

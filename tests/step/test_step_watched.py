@@ -20,12 +20,11 @@ from step_samples import (
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
-from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.faults import explained_function
+from ergoqp.step.layout import STORY, split
 from ergoqp.step.model import StepModel
-from ergoqp.step.packing import split
-from ergoqp.step.robot_watch.explained import explained_function
-from ergoqp.step.robot_watch.memory import STORY
 from ergoqp.step.stepper import Stepper
 
 UNASKED = "robot: moves although nothing was sent"
@@ -91,6 +90,7 @@ def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_a
     assert turned > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reported", [False, True])
 @pytest.mark.parametrize("given", [{}, {"posture": None}], ids=["settled", "no frame"])
 @pytest.mark.parametrize("speed", [0.005, 0.09])
@@ -124,6 +124,7 @@ def test_what_moves_although_nothing_was_sent_is_named_and_starts_again(
     assert 25 <= sum(named_on) <= 50
 
 
+@pytest.mark.slow
 def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_is_seen_again() -> (
     None
 ):
@@ -164,6 +165,7 @@ def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
     assert any("robot:" in reason for reason in reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.05, 0.3])
 @pytest.mark.parametrize("reported", [False, True])
 def test_what_is_not_enabled_may_be_moved_by_hand(speed: float, reported: bool) -> None:
@@ -181,6 +183,7 @@ def test_what_is_not_enabled_may_be_moved_by_hand(speed: float, reported: bool) 
         assert enable or step.reason == "not enabled"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elapsed", [0.08, 0.2, 0.3])
 @pytest.mark.parametrize(
     "robot", [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05)], ids=["ideal", "late"]
@@ -282,6 +285,7 @@ def test_a_creep_is_named_after_a_millimetre_beyond_twice_the_noise(noise: float
     assert 2 * noise + 0.001 - 1e-4 <= crept[1] <= 2 * noise + 0.001 + 2e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise_deg", [0.0, 0.2, 0.5])
 def test_a_turning_creep_is_named_soon(noise_deg: float) -> None:
     """The error of the pose at the begin, which turns with the object, and its error now: not twice
@@ -457,6 +461,7 @@ def test_one_wrong_pose_at_rest_is_a_jump_and_no_noise() -> None:
     assert not any("scatters" in reason for reason in reasons)
 
 
+@pytest.mark.slow
 def test_the_name_of_a_fault_stays() -> None:
     """A soft robot had hundreds of texts in one loop."""
     stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(0)

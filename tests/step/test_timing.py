@@ -12,12 +12,12 @@ from step_samples import comfort_of, near_comfort, problem_of
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.native.daqp import c_text
+from ergoqp.native.compiled import c_text
 from ergoqp.simulation.robot import moved
 from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.solvers.daqp import ITERATIONS
 from ergoqp.step.function import build_step
-from ergoqp.step.program.locking import PASSES
+from ergoqp.step.qp import PASSES
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.timing import LARGEST_ITERATIONS, StepTimes, _largest_step, benchmark_step
 
@@ -51,6 +51,7 @@ def test_the_largest_number_of_iterations_is_that_of_every_form() -> None:
     assert f"settings.iter_limit = {ITERATIONS};" in c_text("qp_daqp.h")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guided", [False, True])
 def test_the_form_that_is_timed_takes_every_branch(guided: bool) -> None:
     """Three QPs, each with slack, where a plain step solves one without."""

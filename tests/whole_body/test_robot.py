@@ -124,9 +124,7 @@ def test_what_cannot_be_used_is_said_in_one_sentence(tmp_path):
     path.write_text(PLANAR.format(""))
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody>")
-    with pytest.raises(
-        InputError, match=r"velocity: planar\.xml does not say it, allowed velocity="
-    ):
+    with pytest.raises(InputError, match=r"velocity: planar\.xml does not say it; give velocity="):
         load_robot(path, "end")
     with pytest.raises(InputError, match=r"velocity: got .* allowed one number or 2"):
         load_robot(path, "end", velocity=[1, 2, 3], acceleration=1)

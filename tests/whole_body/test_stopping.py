@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("mink")
 
-from ergoqp.whole_body.stopping import joint_bounds, stopping_speed
+from ergoqp.whole_body.state import joint_bounds, stopping_speed
 
 
 def _way(speed, acceleration, dt):

@@ -11,14 +11,14 @@ pytest.importorskip("mink")
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.expressions import Evaluator
+from ergoqp.rest.best_place import awkward_start
+from ergoqp.rest.model_person import sample_person
+from ergoqp.rest.person_protocol import SensorModel
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body
-from ergoqp.whole_body.terms import own_objective, terms_function
+from ergoqp.whole_body.state import own_objective, terms_function
 
 
 def without_limits():
@@ -41,7 +41,7 @@ def test_without_limits_of_the_robot_it_is_the_twist_of_the_fast_step(name):
     person = sample_person(problem, 0, body=problem.response.body)
     posture = awkward_start(problem, person, 0, 10)
     whole = WholeBody(problem, without_limits(), posture=posture, distance=None)
-    trace = run_whole_body(whole, person, posture, duration=1.5, senses=Senses())
+    trace = run_whole_body(whole, person, posture, duration=1.5, senses=SensorModel())
     compared = [
         step
         for step in trace.steps
@@ -86,7 +86,7 @@ def test_with_noisy_sensors_the_object_keeps_its_speed_and_the_loop_goes_on(near
     speed; the next step raised."""
     problem, person, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture, distance=0.05)
-    trace = run_whole_body(whole, person, posture, duration=5.0, senses=Senses())
+    trace = run_whole_body(whole, person, posture, duration=5.0, senses=SensorModel())
     twists = np.array([step.twist for step in trace.steps])
     assert np.abs(twists).max() > 0.05
     assert np.all(np.abs(twists) <= problem.twist_limit.speed * (1 + 1e-6))
@@ -224,11 +224,9 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(problem, tool_frame=np.zeros((4, 4)))
     with pytest.raises(InputError, match="tool_frame: got 'flange', allowed a pose"):
         WholeBody(problem, tool_frame="flange")
-    with pytest.raises(InputError, match="posture: got a list, allowed 32 finite numbers"):
+    with pytest.raises(InputError, match=r"posture: got \[.*, allowed 32 finite numbers"):
         WholeBody(problem, posture=[0.0])
-    with pytest.raises(
-        InputError, match=r"posture: got an array of shape \(3,\), allowed 32 finite numbers"
-    ):
+    with pytest.raises(InputError, match=r"posture: got array\(.*, allowed 32 finite numbers"):
         WholeBody(problem, posture=np.zeros(3))
     for size in ((0, 0, 0), 3, (0.1, np.nan, 0.1)):
         with pytest.raises(
@@ -249,6 +247,7 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(ergoqp.load_problem("forearm"))
 
 
+@pytest.mark.slow
 def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     problem = ergoqp.load_problem("screwing")
     rng, posture = np.random.default_rng(0), problem.response.comfort + 0.1

@@ -1,19 +1,19 @@
-"""A flat figure of the person in one posture, for print and as a still of the replay."""
+"""Flat figures of people: one in a posture, or several side by side on one floor."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.expressions.quaternions import matrix_of
+from ergoqp.expressions import matrix_of
 from ergoqp.human import Body
 from ergoqp.report import palette
 from ergoqp.report.body.person import parts_of, place
 from ergoqp.report.charts import svg
+from ergoqp.report.charts.axes import WIDTH, width_of
 
 _HEIGHT: Final = 300.0  # height of an upright person with some margin [px]
 MARGIN: Final = 0.13
@@ -22,13 +22,8 @@ _VIEW_DEG: Final = 35.0  # from the right side towards the front
 _OWN_COLOUR: Final = "#4b4f57"  # hair and shoes
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
-    """A capsule in the world: axis ends (2, 3) [m], radius [m] and nearness to the viewer [m]."""
-
-    ends: NDArray[np.float64]
-    radius: float
-    depth: float
+_Shape = tuple[NDArray[np.float64], float, float]
+"""A capsule in the world: axis ends (2, 3) [m], radius [m] and nearness to the viewer [m]."""
 
 
 class Drawing:
@@ -43,6 +38,7 @@ class Drawing:
             object.
 
     Attributes:
+        contact: as given.
         horizontal: leftmost and rightmost coordinate of the axes of all shapes, with a margin
             [m].
         vertical: lowest and highest coordinate, with a margin [m].
@@ -62,7 +58,7 @@ class Drawing:
         forward, left = base_pose[:3, 0], base_pose[:3, 1]
         self._across = np.cos(turn) * forward + np.sin(turn) * left  # to the right in the picture
         towards = np.sin(turn) * forward - np.cos(turn) * left  # toward the viewer
-        self._contact = contact
+        self.contact = contact
         self._groups: dict[tuple[str, str], list[_Shape]] = {}
         for part in parts_of(body):
             position, quaternion = (values[0] for values in placement.of(part.owner))
@@ -74,12 +70,9 @@ class Drawing:
             level = int(palette.level_of_points(segments.get(part.segment or "", 0)))
             colour = _OWN_COLOUR if part.segment is None else palette.colour_of_level(level)
             ends = np.stack([centre - half * axis, centre + half * axis])
-            self._groups.setdefault((part.owner, colour), []).append(
-                _Shape(ends, radius, float(centre @ towards))
-            )
-        everything = np.concatenate(
-            [shape.ends for group in self._groups.values() for shape in group]
-        )
+            shape = ends, radius, float(centre @ towards)
+            self._groups.setdefault((part.owner, colour), []).append(shape)
+        everything = np.concatenate([ends for group in self._groups.values() for ends, *_ in group])
         if contact is not None:
             everything = np.concatenate([everything, contact[None, :3, 3]])
         self.horizontal = self._ends(everything @ self._across)
@@ -101,14 +94,14 @@ class Drawing:
         # Shapes of one body and colour share one outline, so that the trunk is not cut into
         # rings.
         for (_, colour), group in sorted(
-            self._groups.items(), key=lambda item: max(shape.depth for shape in item[1])
+            self._groups.items(), key=lambda item: max(depth for *_, depth in item[1])
         ):
             lines = []
-            for shape in group:
-                (x1, y1), (x2, y2) = at(shape.ends[0]), at(shape.ends[1])
+            for ends, radius, _ in group:
+                (x1, y1), (x2, y2) = map(at, ends)
                 # In some browsers a line of zero length has no round ends.
                 line = {"x1": x1, "y1": y1, "x2": x2 + 0.01, "y2": y2, "stroke_linecap": "round"}
-                lines.append((line, 2 * shape.radius * scale))
+                lines.append((line, 2 * radius * scale))
             drawn += [
                 svg.element("line", **line, stroke_width=width + 2, class_="outline")
                 for line, width in lines
@@ -117,11 +110,10 @@ class Drawing:
                 svg.element("line", **line, stroke_width=width, stroke=colour)
                 for line, width in lines
             ]
-        if self._contact is not None:
-            x, y = at(self._contact[:3, 3])
-            tip_x, tip_y = at(self._contact[:3, 3] + 0.14 * self._contact[:3, 0])
-            drawn.append(svg.element("line", x1=x, y1=y, x2=tip_x, y2=tip_y, class_="tool"))
-            drawn.append(svg.element("circle", cx=x, cy=y, r=4, class_="dot"))
+        if self.contact is not None:
+            x, y = at(self.contact[:3, 3])
+            tip_x, tip_y = at(self.contact[:3, 3] + 0.14 * self.contact[:3, 0])
+            drawn += [svg.line(x, y, tip_x, tip_y, "tool"), svg.circle(x, y, 4, "dot")]
         return drawn
 
     @staticmethod
@@ -163,3 +155,87 @@ def said_of(segments: Mapping[str, int]) -> str:
         for name in palette.SEGMENTS
         if name in segments
     )
+
+
+_SCALE: Final = 132.0  # [px/m]
+_GAP: Final = 6.0
+_WORDS: Final = 58.0  # room for the margin and two lines of text below the floor
+
+
+class Standing(NamedTuple):
+    """One person of the row.
+
+    Attributes:
+        label: name of the person.
+        score: final score.
+        drawing: the person with the object.
+    """
+
+    label: str
+    score: int
+    drawing: Drawing
+
+
+def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> str:
+    """Draw a row of people, in more than one row if it is too long.
+
+    Args:
+        people: the people, from the left.
+        title: title of the picture.
+        width: largest width of the picture [px].
+    """
+    top = max(person.drawing.vertical[1] for person in people)
+    bottom = min(0.0, *(person.drawing.vertical[0] for person in people))
+    height = (top - bottom) * _SCALE + _WORDS
+    widths = []
+    for person in people:
+        left, right = person.drawing.horizontal
+        words = max(width_of(person.label) + 8, width_of(f"REBA {person.score}") + 20)
+        widths.append(max((right - left) * _SCALE, words))
+    rows = _rows(widths, width)
+    length = max(sum(widths[i] + _GAP for i in row) for row in rows)
+    drawn: list[str] = []
+    for number, row in enumerate(rows):
+        floor = number * height + top * _SCALE
+        end = sum(widths[i] + _GAP for i in row)
+        drawn.append(svg.line(0, floor, end, floor, "axis"))
+        contact = people[row[0]].drawing.contact
+        if contact is not None:
+            held = floor - float(contact[2, 3]) * _SCALE
+            drawn.append(svg.line(0, held, end, held, "mark"))
+        x = 0.0
+        for i in row:
+            drawn += _one(people[i], x + widths[i] / 2, floor, floor - bottom * _SCALE)
+            x += widths[i] + _GAP
+    said = "; ".join(f"{person.label}: REBA {person.score}" for person in people)
+    return svg.picture(
+        drawn,
+        length,
+        len(rows) * height,
+        title,
+        f"{said}. The dashed line is the height of the object.",
+    )
+
+
+def _one(person: Standing, middle: float, floor: float, below: float) -> list[str]:
+    low, high = person.drawing.horizontal
+    level = int(palette.level_of_score(person.score))
+    words, ink = f"REBA {person.score}", f"fill:{palette.ink_of_level(level)}"
+    chip = width_of(words) + 18
+    return [
+        *person.drawing.elements(_SCALE, middle - (low + high) / 2 * _SCALE, floor),
+        svg.text(person.label, middle, below + 20, class_="small middle"),
+        svg.rect(middle - chip / 2, below + 28, chip, 19, rx=9, class_=f"level{level} edge"),
+        svg.text(words, middle, below + 42, class_="strong middle", style=ink),
+    ]
+
+
+def _rows(widths: Sequence[float], most: float) -> list[list[int]]:
+    """Return the people of each row: as few rows as possible, with about equally many in each."""
+    total = sum(width + _GAP for width in widths)
+    count = max(1, int(np.ceil(total / most)))
+    while True:
+        rows = [part.tolist() for part in np.array_split(np.arange(len(widths)), count)]
+        if count >= len(widths) or all(sum(widths[i] + _GAP for i in row) <= most for row in rows):
+            return rows
+        count += 1

@@ -1,17 +1,29 @@
-"""The person as solid parts, each with its segment of the sheet, and their poses in a posture."""
+"""The person as solid parts, the robot that holds the object, and the samples of a replay.
+
+The robot in a replay: a sketch of an arm with two links on a post, solved in the plane. It shows
+that a robot holds the object and from where. It does not show a particular robot, because a problem
+does not describe one.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.expressions.quaternions import matrix_of
+from ergoqp.expressions import matrix_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
+
+
+def coarse(values: Any) -> NDArray[np.float64]:
+    """Return values rounded to 1/8192 (0.1 mm), which halves the scene with no visible change."""
+    return np.round(np.asarray(values, dtype=float) * 8192) / 8192
+
 
 _SEGMENT_OF: Final = {
     "pelvis": "legs",
@@ -117,10 +129,8 @@ def place(body: Body, postures: NDArray[np.float64], base_poses: NDArray[np.floa
     hinges = [model.joint(name).qposadr[0] for name in JOINTS]
     owners = tuple(dict.fromkeys(part.owner for part in parts_of(body)))
     numbers = [model.body(owner).id for owner in owners]
-    positions, quaternions = (
-        np.empty((len(postures), len(owners), 3)),
-        np.empty((len(postures), len(owners), 4)),
-    )
+    positions = np.empty((len(postures), len(owners), 3))
+    quaternions = np.empty((len(postures), len(owners), 4))
     for i, (posture, pose) in enumerate(zip(postures, base_poses, strict=True)):
         data.qpos[base] = pose[:3, 3]
         data.qpos[yaw] = np.arctan2(pose[1, 0], pose[0, 0])
@@ -128,3 +138,219 @@ def place(body: Body, postures: NDArray[np.float64], base_poses: NDArray[np.floa
         mujoco.mj_kinematics(model, data)
         positions[i], quaternions[i] = data.xpos[numbers], data.xquat[numbers]
     return Placement(owners, positions, quaternions)
+
+
+_COLOUR: Final = (196, 201, 207)
+_JOINT_COLOUR: Final = (120, 130, 142)
+_RADIUS: Final = 0.024
+"""Radius of the links [m]."""
+
+_FLANGE: Final = 0.17
+"""Distance from the contact along the tool axis to the end of the arm [m], behind the box."""
+
+_BEHIND: Final = 0.55
+"""Distance of the post from the middle of the object's path [m], on the far side of the person."""
+
+_ASIDE: Final = 0.7
+"""Angle of the post to the person's left, as seen from the object [rad]."""
+
+_SLACK: Final = 1.08
+"""Total length of the links, relative to the length needed."""
+
+
+def arm_of(poses: NDArray[np.float64], person: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the positions of shoulder, elbow and flange for every pose (n, 3, 3) [m].
+
+    Args:
+        poses: poses of the object's contact frame (n, 4, 4).
+        person: position of the person on the floor (2,) [m].
+    """
+    flanges = poses[:, :3, 3] + _FLANGE * poses[:, :3, 0]
+    middle = flanges.mean(axis=0)
+    away = middle[:2] - person
+    away /= max(float(np.linalg.norm(away)), 1e-9)
+    # Move it to the left, so that it is not between person and camera.
+    cosine, sine = np.cos(_ASIDE), np.sin(_ASIDE)
+    away = np.array([[cosine, -sine], [sine, cosine]]) @ away
+    shoulder = np.array([*(middle[:2] + _BEHIND * away), middle[2] - 0.05])
+    reach = float(np.linalg.norm(flanges - shoulder, axis=1).max()) * _SLACK / 2
+    return np.array([[shoulder, _elbow(shoulder, flange, reach), flange] for flange in flanges])
+
+
+def _elbow(
+    shoulder: NDArray[np.float64], flange: NDArray[np.float64], link: float
+) -> NDArray[np.float64]:
+    """Return the elbow of two equal links, bent upward."""
+    way = flange - shoulder
+    half = float(np.linalg.norm(way)) / 2
+    along = way / max(2 * half, 1e-9)
+    up = np.array([0.0, 0.0, 1.0]) - along[2] * along
+    up /= max(float(np.linalg.norm(up)), 1e-9)
+    return shoulder + way / 2 + up * float(np.sqrt(max(link**2 - half**2, 0.0)))
+
+
+class Holder:
+    """The arm in a scene.
+
+    Args:
+        server: server of the scene.
+        poses: poses of the object's contact frame (n, 4, 4).
+        person: position of the person on the floor (2,) [m].
+        floor: height of the floor [m].
+    """
+
+    def __init__(
+        self, server: Any, poses: NDArray[np.float64], person: NDArray[np.float64], floor: float
+    ) -> None:
+        """Draw post, links and joints."""
+        self._arms = arm_of(poses, person)
+        scene, (shoulder, elbow, _) = server.scene, self._arms[0]
+        length = float(np.linalg.norm(elbow - shoulder))
+        height = float(shoulder[2]) - floor
+        scene.add_cylinder(
+            "/robot/post",
+            radius=1.6 * _RADIUS,
+            height=height,
+            position=(*shoulder[:2], floor + height / 2),
+            color=_COLOUR,
+        )
+        self._links = [
+            scene.add_cylinder(f"/robot/link{i}", radius=_RADIUS, height=length, color=_COLOUR)
+            for i in range(2)
+        ]
+        self._joints = [
+            scene.add_icosphere(f"/robot/joint{i}", radius=1.35 * _RADIUS, color=_JOINT_COLOUR)
+            for i in range(3)
+        ]
+
+    def show(self, frame: int) -> None:
+        """Move the arm to a frame."""
+        points = self._arms[frame]
+        for joint, point in zip(self._joints, points, strict=True):
+            joint.position = coarse(point)
+        for link, begin, end in zip(self._links, points, points[1:], strict=False):
+            link.position = coarse((begin + end) / 2)
+            upright = np.empty(4)
+            mujoco.mju_quatZ2Vec(upright, end - begin)
+            link.wxyz = coarse(upright)
+
+
+LONGEST: Final = 60.0
+"""Longest replay [s]. A longer movement is shown faster than real time."""
+
+FRAME_RATE: Final = 30.0
+"""Highest frame rate of the replay [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """The contents of a replay: a scored movement, at every sample.
+
+    Attributes:
+        body: the person.
+        time: shape (n,) [s], increasing.
+        postures: shape (n, 32) [rad]; NaN if there is none.
+        base_poses: pelvis in the world, upright, shape (n, 4, 4).
+        final: score, 0 without a score; shape (n,).
+        segments: scores of the segments, shape (n,) each.
+        object_poses: contact frame of the held object in the world, shape (n, 4, 4), None
+            without an object.
+        seated: whether the person sits; a seat is then drawn.
+        held: whether a robot holds the object; a robot is then drawn.
+        forces: forces of the object on the hands, world-aligned, shape (n, 3) or more [N];
+            None: unknown.
+    """
+
+    body: Body
+    time: NDArray[np.float64]
+    postures: NDArray[np.float64]
+    base_poses: NDArray[np.float64]
+    final: NDArray[np.int64]
+    segments: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    object_poses: NDArray[np.float64] | None = None
+    seated: bool = False
+    held: bool = False
+    forces: NDArray[np.float64] | None = None
+
+    def at(self, samples: NDArray[np.int64]) -> Movement:
+        """Return some samples. A missing posture or pose is replaced by the last one before it.
+
+        If there is none before it, the first one after it is used.
+        """
+        shown = _held(samples, _finite(self.postures) & _finite(self.base_poses))
+        objects = self.object_poses
+        if objects is not None:
+            objects = np.nan_to_num(objects[_held(samples, _finite(objects))])
+        return replace(
+            self,
+            time=self.time[samples],
+            postures=np.nan_to_num(self.postures[shown]),
+            base_poses=np.nan_to_num(self.base_poses[shown]),
+            final=self.final[samples],
+            segments={name: scores[samples] for name, scores in self.segments.items()},
+            object_poses=objects,
+            forces=None if self.forces is None else np.nan_to_num(self.forces[samples]),
+        )
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of n samples contain only finite numbers."""
+    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+
+
+def _held(samples: NDArray[np.int64], good: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return for each sample the last good one up to it, else the first good one, else itself."""
+    numbers = np.flatnonzero(good)
+    return (
+        numbers[np.maximum(np.searchsorted(numbers, samples, side="right") - 1, 0)]
+        if len(numbers)
+        else samples
+    )
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The samples that a replay shows, and its speed.
+
+    Attributes:
+        samples: number of the sample of each frame, shape (frames,).
+        frame_time: duration of a frame on the screen [s].
+        speed: movement time over replay time, 1 for real time.
+    """
+
+    samples: NDArray[np.int64]
+    frame_time: float
+    speed: float
+
+    @property
+    def note(self) -> str:
+        """What the replay leaves out, in one sentence."""
+        rate = (
+            f"{1 / self.frame_time:.2g} frames per second" if self.frame_time else "a single frame"
+        )
+        if self.speed > 1:
+            return (
+                f"The replay runs {self.speed:.3g} times faster than real time, to last"
+                f" {LONGEST:.0f} s, at {rate}."
+            )
+        return f"The replay runs in real time, at {rate}."
+
+
+def timing_of(time: NDArray[np.float64]) -> Timing:
+    """Return the samples of a replay: at most 60 s and 30 frames per second, evenly spaced in time.
+
+    Args:
+        time: time of each sample, increasing, shape (n,) [s].
+    """
+    duration = float(time[-1] - time[0])
+    if len(time) < 2 or duration <= 0:
+        return Timing(np.zeros(1, dtype=np.int64), 0.0, 1.0)
+    speed = max(1.0, duration / LONGEST)
+    steps = max(1, min(len(time) - 1, int(np.floor(duration / speed * FRAME_RATE + 1e-9))))
+    moments = np.linspace(time[0], time[-1], steps + 1)
+    # Add a small tolerance, so that a moment exactly at a sample does not show the one before
+    # because of rounding.
+    after = (
+        np.searchsorted(time, moments + 0.5 * duration / (len(time) - 1) * 1e-6, side="right") - 1
+    )
+    return Timing(np.clip(after, 0, len(time) - 1), duration / speed / steps, speed)

@@ -1,18 +1,32 @@
-"""Charts of values over time and of distributions."""
+"""Charts of values over time and of distributions.
+
+Box plots of the predicted or reached values for each true score. The results of the EPFL report are
+shown in the same way.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.errors import MissingExtraError
+from ergoqp.files.atomic import atomic_write
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.frame import WIDTH, Plot, width_of
-from ergoqp.report.charts.scales import changes, padded, words_of
-from ergoqp.report.numbers import microseconds
+from ergoqp.report.charts.axes import (
+    WIDTH,
+    Plot,
+    changes,
+    named_dot,
+    padded,
+    width_of,
+    words_of,
+)
+from ergoqp.report.page import microseconds
 
 SERIES = ("s0", "s1", "s2", "s3")
 """Classes of lines that differ in their dashes, so they can be distinguished without colour."""
@@ -38,9 +52,9 @@ def score_chart(
     highest = max(8, int(final.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
         highest = max(highest, min(16, int(np.ceil(np.nanmax(cost)))))
-    legend = [("score", "REBA, exact")] + (
-        [("cost", "smooth cost of the measured posture")] if cost is not None else []
-    )
+    legend = [("score", "REBA, exact")]
+    if cost is not None:
+        legend.append(("cost", "smooth cost of the measured posture"))
     plot = Plot(
         _interval(time),
         (0.5, highest + 0.5),
@@ -52,15 +66,11 @@ def score_chart(
         y_ticks=range(1, highest + 1),
         width=width,
     )
-    starts = [*palette.level_starts(), highest + 1]
+    starts = [*palette.LEVEL_STARTS, highest + 1]
     for level, (low, high) in enumerate(pairwise(starts)):
         if low <= highest:
-            plot.shade(
-                low - 0.5,
-                min(high, highest + 1) - 0.5,
-                palette.risk_of_level(level),
-                class_=f"level{level} band",
-            )
+            risk, top = palette.risk_of_level(level), min(high, highest + 1) - 0.5
+            plot.shade(low - 0.5, top, risk, class_=f"level{level} band")
     if cost is not None:
         plot.line(time, cost, "cost")
     held = np.where(final > 0, final, np.nan).astype(float)
@@ -68,7 +78,8 @@ def score_chart(
     kept = np.unique(np.append(changes(final), len(final) - 1))
     plot.line(time[kept], held[kept], "score", steps=True)
     for at, score, name in marks:
-        plot.add(*_mark(plot, at, score, name))
+        x, y = plot.x.at(at), plot.y.at(score)
+        plot.add(*named_dot(x, y, 4.5, "dot", f"{name} {score}", plot.right))
     scored = final[final > 0]
     said = (
         f"From {scored[0]} to {scored[-1]}, highest {scored.max()}, lowest {scored.min()}."
@@ -129,29 +140,15 @@ def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float 
         logarithmic=True,
         width=width,
     )
-    for left, right, value in zip(
-        plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True
-    ):
+    for (left, right), value in zip(pairwise(plot.x(edges)), share.tolist(), strict=True):
         if value > 0:
             # A single slow step must stay visible.
             height = max(plot.bottom - plot.y.at(value), 1.5)
-            plot.add(
-                svg.element(
-                    "rect",
-                    x=left + 0.5,
-                    y=plot.bottom - height,
-                    width=right - left - 1,
-                    height=height,
-                    class_="bar",
-                )
-            )
+            broad = right - left - 1
+            plot.add(svg.rect(left + 0.5, plot.bottom - height, broad, height, class_="bar"))
     median, p99 = float(np.median(lasted)), float(np.percentile(lasted, 99))
-    marks = [
-        ("median", median),
-        ("p99", p99),
-        ("max", float(lasted.max())),
-        ("period", 1e6 * period),
-    ]
+    marks = [("median", median), ("p99", p99), ("max", float(lasted.max()))]
+    marks.append(("period", 1e6 * period))
     plot.add(*_vertical_marks(plot, marks))
     said = ", ".join(f"{name} {microseconds(value)}" for name, value in marks)
     return plot.picture("Duration of the control steps", f"{said[0].upper()}{said[1:]}.")
@@ -174,36 +171,16 @@ def shares_chart(
         length, words = share * width, f"{100 * share:.0f} %"
         style = f"level{level}" if level >= 0 else "unscored"
         if length > 0:
-            drawn.append(
-                svg.element(
-                    "rect",
-                    svg.tooltip(f"{name}: {words}"),
-                    x=x,
-                    y=4,
-                    width=length,
-                    height=36,
-                    class_=f"{style} edge",
-                )
-            )
+            what = svg.tooltip(f"{name}: {words}")
+            drawn.append(svg.rect(x, 4, length, 36, what, class_=f"{style} edge"))
         if length > width_of(words) + 8:
-            drawn.append(
-                svg.text(
-                    words,
-                    x + length / 2,
-                    27,
-                    class_="middle strong",
-                    style=f"fill:{palette.ink_of_level(level)}",
-                )
-            )
+            ink = f"fill:{palette.ink_of_level(level)}"
+            drawn.append(svg.text(words, x + length / 2, 27, class_="middle strong", style=ink))
         x += length
         label = f"{name}, {100 * share:.1f} %"
         if legend_x + 24 + width_of(label) > width:
             legend_x, legend_y = 0.0, legend_y + 22
-        drawn.append(
-            svg.element(
-                "rect", x=legend_x, y=legend_y - 10, width=14, height=12, class_=f"{style} edge"
-            )
-        )
+        drawn.append(svg.rect(legend_x, legend_y - 10, 14, 12, class_=f"{style} edge"))
         drawn.append(svg.text(label, legend_x + 20, legend_y, class_="small"))
         legend_x += 40 + width_of(label)
     said = "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
@@ -217,27 +194,9 @@ def _interval(time: NDArray[np.float64]) -> tuple[float, float]:
 
 def _span(values: NDArray[np.float64]) -> str:
     finite = values[np.isfinite(values)]
-    return (
-        f"{words_of(float(finite.min()))} to {words_of(float(finite.max()))}"
-        if finite.size
-        else "without values"
-    )
-
-
-def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
-    """Return a dot with its name, on the side with room."""
-    x, y = plot.x.at(at), plot.y.at(score)
-    words = f"{name} {score}"
-    to_the_left = x + 12 + width_of(words) > plot.right
-    anchor = (
-        {"x": x - 10, "class_": "strong end halo"}
-        if to_the_left
-        else {"x": x + 10, "class_": "strong halo"}
-    )
-    return [
-        svg.element("circle", cx=x, cy=y, r=4.5, class_="dot"),
-        svg.text(words, anchor["x"], y - 8, class_=anchor["class_"]),
-    ]
+    if not finite.size:
+        return "without values"
+    return f"{words_of(finite.min())} to {words_of(finite.max())}"
 
 
 def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]:
@@ -251,6 +210,60 @@ def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]
         start = x + 5 if x + 5 + width < plot.right else x - 5 - width
         row = next((i for i, end in enumerate(ends) if start > end + 6), len(ends))
         ends[row:] = [start + width, *ends[row + 1 :]]
-        lines.append(svg.element("line", x1=x, x2=x, y1=plot.top, y2=plot.bottom, class_="mark"))
+        lines.append(svg.line(x, plot.top, x, plot.bottom, "mark"))
         names.append(svg.text(words, start, plot.top + 12 + 16 * row, class_="small halo"))
     return lines + names
+
+
+def prediction_picture(
+    values: NDArray[np.float64], scores: NDArray, title: str, path: Path
+) -> None:
+    """Write a picture (PNG or SVG) of the predicted values (n,) of the postures of each score (n,).
+
+    The black line is the perfect prediction. Boxes contain the middle half, whiskers reach 1.5
+    box lengths, and dots are beyond.
+
+    Raises:
+        MissingExtraError: if matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("the picture of a fit", "learn", "matplotlib") from None
+    classes = np.unique(np.round(scores)).astype(int)
+    groups = [values[np.round(scores) == score] for score in classes]
+    figure = Figure(figsize=(7.0, 4.2), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    ends = classes[[0, -1]]
+    axes.plot(ends, ends, color="black", linewidth=1.2, label="perfect", zorder=3)
+    axes.boxplot(
+        groups,
+        positions=classes,
+        widths=0.6,
+        patch_artist=True,
+        manage_ticks=False,
+        boxprops={"facecolor": "#cfe0f3", "edgecolor": "#2f5d8c"},
+        medianprops={"color": "#b3541e", "linewidth": 1.8},
+        whiskerprops={"color": "#2f5d8c"},
+        capprops={"color": "#2f5d8c"},
+        flierprops={
+            "marker": ".",
+            "markersize": 3,
+            "markerfacecolor": "#8a8a8a",
+            "markeredgecolor": "none",
+            "alpha": 0.5,
+        },
+    )
+    axes.set_xticks(classes)
+    axes.set_xlabel("score of the sheet")
+    axes.set_ylabel("predicted, points")
+    axes.set_title(title, loc="left", fontsize=11)
+    axes.grid(axis="y", color="#e3e3e3", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.legend(frameon=False, loc="upper left")
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    with atomic_write(path) as scratch:
+        figure.savefig(scratch)

@@ -1,18 +1,32 @@
-"""Charts with one row per item: strips over time, and segments before and after."""
+"""Charts with one row per item, and a map of scores over two coordinates.
+
+A map of scores over two coordinates of the object's place. Each cell has a number and the colour of
+its action level.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.placing.place import Slice
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.frame import WIDTH, time_axis, width_of
-from ergoqp.report.charts.scales import Scale, highest_per_column
+from ergoqp.report.charts.axes import (
+    WIDTH,
+    Scale,
+    highest_per_column,
+    named_dot,
+    time_axis,
+    upright_label,
+    width_of,
+    words_of,
+)
+from ergoqp.sheets.reba import ACTION_LEVELS
 
 _ROW: Final = 26.0
 _WORDS: Final = 14.0  # room for the text above a row [px]
@@ -39,7 +53,6 @@ class Strip:
 
 def strips_chart(
     title: str,
-    description: str,
     time: NDArray[np.float64],
     strips: Sequence[Strip],
     *,
@@ -49,7 +62,6 @@ def strips_chart(
 
     Args:
         title: title of the chart.
-        description: description of the contents.
         time: shape (n,) [s].
         strips: the rows, from the top.
         width: width of the chart [px]; on a narrow one the text is above its row.
@@ -65,20 +77,15 @@ def strips_chart(
     drawn = time_axis(scale, top, bottom, "time, s")
     for i, strip in enumerate(strips):
         y = top + row * i + words
-        size = {"y": y + 4, "height": _ROW - 8}
-        drawn.append(svg.element("rect", x=left, width=right - left, **size, class_="track"))
-        full = svg.tooltip(strip.name) if _short(strip.name) != strip.name else ""
-        label, note = (
-            (
-                svg.text(_short(strip.name), left, y, class_="small halo"),
-                svg.text(strip.note, right, y, class_="small end halo"),
-            )
-            if over
-            else (
-                svg.text(_short(strip.name), left - 8, y + _ROW / 2 + 4, class_="small end"),
-                svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small"),
-            )
-        )
+        drawn.append(svg.rect(left, y + 4, right - left, _ROW - 8, class_="track"))
+        short = _short(strip.name)
+        full = svg.tooltip(strip.name) if short != strip.name else ""
+        if over:
+            label = svg.text(short, left, y, class_="small halo")
+            note = svg.text(strip.note, right, y, class_="small end halo")
+        else:
+            label = svg.text(short, left - 8, y + _ROW / 2 + 4, class_="small end")
+            note = svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small")
         drawn.append(svg.element("g", [full, label]))
         for start, end, value in highest_per_column(time, strip.values, int(right - left)):
             if value:
@@ -86,9 +93,10 @@ def strips_chart(
                 x = scale.at(start)
                 length = max(scale.at(end) - x, _THINNEST)
                 what = svg.tooltip(f"{strip.name}: {said}, {start:.2f} to {end:.2f} s")
-                drawn.append(svg.element("rect", what, x=x, width=length, **size, class_=style))
+                drawn.append(svg.rect(x, y + 4, length, _ROW - 8, what, class_=style))
         drawn.append(note)
-    return svg.picture(drawn, width, bottom + 42, title, description)
+    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
+    return svg.picture(drawn, width, bottom + 42, title, f"{said}.")
 
 
 def segments_strips(
@@ -110,15 +118,11 @@ def segments_strips(
         styles = {
             score: (f"level{palette.level_of_points(score)}", f"{score}") for score in range(1, 10)
         }
-        scored = scores[scores > 0]
-        mean = (
-            f"mean {scored.mean():.1f} of {palette.segment_highest(name)}"
-            if scored.size
-            else "not scored"
-        )
-        strips.append(Strip(name.replace("_", " "), scores, styles, mean))
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
-    return strips_chart("Segment scores over time", f"{said}.", time, strips, width=width)
+        scored, note = scores[scores > 0], "not scored"
+        if scored.size:
+            note = f"mean {scored.mean():.1f} of {palette.segment_highest(name)}"
+        strips.append(Strip(name.replace("_", " "), scores, styles, note))
+    return strips_chart("Segment scores over time", time, strips, width=width)
 
 
 def segments_chart(
@@ -140,47 +144,25 @@ def segments_chart(
     drawn = _key(8.0 if over else left + 16, over)
     for points in range(1, highest + 1):
         x = scale.at(points)
-        drawn.append(svg.element("line", x1=x, x2=x, y1=top - 6, y2=bottom, class_="grid"))
+        drawn.append(svg.line(x, top - 6, x, bottom, "grid"))
         drawn.append(svg.text(str(points), x, bottom + 16, class_="tick middle"))
-    drawn.append(
-        svg.text(
-            "points of the segment",
-            (scale.start + scale.end) / 2,
-            bottom + 36,
-            class_="label middle",
-        )
-    )
+    middle = (scale.start + scale.end) / 2
+    drawn.append(svg.text("points of the segment", middle, bottom + 36, class_="label middle"))
     for i, name in enumerate(palette.SEGMENTS):
         y = top + row * (i + 0.5)
         first, last = scale.at(before[name]), scale.at(after[name])
         drawn.append(svg.text(name.replace("_", " "), left - 2, y + 4, class_="small end"))
         end = scale.at(palette.segment_highest(name))
-        drawn.append(svg.element("line", x1=scale.start, x2=end, y1=y, y2=y, class_="rail"))
-        drawn.append(svg.element("line", x1=first, x2=last, y1=y, y2=y, class_="link"))
-        drawn.append(svg.element("circle", cx=first, cy=y, r=10, class_="hollow"))
+        drawn.append(svg.line(scale.start, y, end, y, "rail"))
+        drawn.append(svg.line(first, y, last, y, "link"))
+        drawn.append(svg.circle(first, y, 10, "hollow"))
         level = int(palette.level_of_points(after[name]))
-        drawn.append(
-            svg.element(
-                "circle",
-                cx=last,
-                cy=y,
-                r=7,
-                class_=f"level{level} edge" if level >= 0 else "unscored edge",
-            )
-        )
-        words = (
-            f"{before[name]} → {after[name]}"
-            if before[name] != after[name]
-            else f"{after[name]}, unchanged"
-        )
-        drawn.append(
-            svg.text(
-                words,
-                words_at,
-                y + 4,
-                class_="small" if before[name] == after[name] else "strong",
-            )
-        )
+        style = f"level{level} edge" if level >= 0 else "unscored edge"
+        drawn.append(svg.circle(last, y, 7, style))
+        words, style = f"{before[name]} → {after[name]}", "strong"
+        if before[name] == after[name]:
+            words, style = f"{after[name]}, unchanged", "small"
+        drawn.append(svg.text(words, words_at, y + 4, class_=style))
     said = "; ".join(
         f"{name.replace('_', ' ')} {before[name]} to {after[name]}" for name in palette.SEGMENTS
     )
@@ -189,13 +171,13 @@ def segments_chart(
 
 def _key(x: float, over: bool) -> list[str]:
     """Return the legend of the dots, in one line or in two."""
-    after, y = (x + 90, 14.0)
+    after, y = x + 90, 14.0
     words = ["after, coloured by its points", "the track is the sheet's range"]
     lines = words if over else ["; ".join(words)]
     return [
-        svg.element("circle", cx=x, cy=y, r=7, class_="hollow"),
+        svg.circle(x, y, 7, "hollow"),
         svg.text("before", x + 14, y + 4, class_="small"),
-        svg.element("circle", cx=after, cy=y, r=7, class_="level0 edge"),
+        svg.circle(after, y, 7, "level0 edge"),
         *(
             svg.text(line, after + 14, y + 4 + 18 * i, class_="small")
             for i, line in enumerate(lines)
@@ -205,3 +187,138 @@ def _key(x: float, over: bool) -> list[str]:
 
 def _short(name: str) -> str:
     return name if len(name) <= _LONGEST_LABEL else name[: _LONGEST_LABEL - 1] + "…"
+
+
+AXES: Final = (
+    ("x, forward, m", 1.0),
+    ("y, to the left, m", 1.0),
+    ("z, height, m", 1.0),
+    ("tilt up, deg", -180 / np.pi),
+    ("turn to the left, deg", 180 / np.pi),
+)
+"""Label and factor of the five coordinates of a place. A positive turn about y is down."""
+
+NOT_REACHED: Final = "not reached"
+
+COLOURS: Final = (
+    *((f"level{level}", words) for level, words in enumerate(ACTION_LEVELS)),
+    ("none", NOT_REACHED),
+)
+"""Meaning of the colours of a map: class of a chip, and words.
+
+Cells where the tool axis may not be are blank.
+"""
+
+_WIDTH: Final = 430.0
+_TALLEST: Final = 380.0
+_LARGEST_CELL: Final = 30.0
+_LEFT, _TOP, _RIGHT, _BELOW = 62.0, 12.0, 14.0, 46.0
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A marked place.
+
+    Attributes:
+        point: place of the object (5,), see `ergoqp.placing.place.PoseParametrization`.
+        name: name beside it, empty for none.
+        style: class of the dot, ``"spot"`` or ``"spot other"``.
+    """
+
+    point: NDArray[np.float64]
+    name: str = ""
+    style: str = "spot"
+
+
+def score_map(
+    slice_: Slice,
+    values: NDArray[np.float64],
+    title: str,
+    spots: Sequence[Spot] = (),
+    missing: Callable[[int, int], str] | None = None,
+) -> str:
+    """Draw one map.
+
+    Args:
+        slice_: the places.
+        values: score per place (v, h): 0 if not reached, -1 if the object may not be there;
+            means may be fractions.
+        title: title of the picture.
+        spots: marked places, projected onto the map.
+        missing: (row, column) -> who cannot reach that place, for the tooltip; None if there
+            is only one person.
+    """
+    x_label, x_factor = AXES[slice_.across]
+    y_label, y_factor = AXES[slice_.up]
+    columns, rows = (x_factor * slice_.horizontal).tolist(), (y_factor * slice_.vertical).tolist()
+    x_name, y_name = (label.split(",")[0] for label in (x_label, y_label))
+    cell = min(
+        (_WIDTH - _LEFT - _RIGHT) / len(columns), (_TALLEST - _TOP) / len(rows), _LARGEST_CELL
+    )
+    right, bottom = _LEFT + cell * len(columns), _TOP + cell * len(rows)
+    # Each cell has its place in the middle.
+    x = Scale(min(columns), max(columns), _LEFT + cell / 2, right - cell / 2)
+    y = Scale(min(rows), max(rows), bottom - cell / 2, _TOP + cell / 2)
+    drawn = [svg.rect(_LEFT, _TOP, right - _LEFT, bottom - _TOP, class_="track")]
+    for i, j in np.ndindex(values.shape):
+        value = float(values[i, j])
+        if value >= 0:
+            words = _words(value) if value else NOT_REACHED
+            if not value and missing is not None:
+                words += f" by {missing(i, j)}"
+            x_words, y_words = (words_of(round(each, 3)) for each in (columns[j], rows[i]))
+            there = f"{x_name} {x_words}, {y_name} {y_words}"
+            drawn += _cell(value, x.at(columns[j]), y.at(rows[i]), cell, f"{there}: {words}")
+    drawn += _axes(x, y, right, bottom, x_label, y_label)
+    for spot in spots:
+        along = float(np.clip(x.at(x_factor * spot.point[slice_.across]), _LEFT, right))
+        down = float(np.clip(y.at(y_factor * spot.point[slice_.up]), _TOP, bottom))
+        drawn += named_dot(along, down, 6, spot.style, spot.name, right + _RIGHT)
+    said = _said(values, slice_)
+    return svg.picture(drawn, max(right + _RIGHT, 190.0), bottom + _BELOW, title, said)
+
+
+def _cell(value: float, x: float, y: float, cell: float, words: str) -> list[str]:
+    level = int(palette.level_of_score(round(value))) if value else -1
+    style = f"level{level}" if level >= 0 else "missed"
+    size, what = cell + 0.3, svg.tooltip(words)
+    drawn = [svg.rect(x - cell / 2, y - cell / 2, size, size, what, class_=style)]
+    label = _words(value) if value else ""
+    if label and cell >= (13 if len(label) == 1 else 17):
+        ink = palette.ink_of_level(level)
+        drawn.append(svg.text(label, x, y + 3.5, class_="middle cell", style=f"fill:{ink}"))
+    return drawn
+
+
+def _words(value: float) -> str:
+    return f"{value:z.1f}".removesuffix(".0")
+
+
+def _axes(x: Scale, y: Scale, right: float, bottom: float, x_label: str, y_label: str) -> list[str]:
+    drawn = [
+        svg.line(_LEFT, bottom, right, bottom, "axis"),
+        svg.line(_LEFT, _TOP, _LEFT, bottom, "axis"),
+    ]
+    for tick in x.ticks(max(2, int((right - _LEFT) / 48))):
+        at = x.at(tick)
+        drawn.append(svg.line(at, bottom, at, bottom + 4, "axis"))
+        drawn.append(svg.text(words_of(tick), at, bottom + 18, class_="tick middle"))
+    for tick in y.ticks(max(2, int((bottom - _TOP) / 34))):
+        at = y.at(tick)
+        drawn.append(svg.line(_LEFT - 4, at, _LEFT, at, "axis"))
+        drawn.append(svg.text(words_of(tick), _LEFT - 8, at + 4, class_="tick end"))
+    middle = max((_LEFT + right) / 2, 14 + width_of(x_label) / 2)
+    drawn.append(svg.text(x_label, middle, bottom + 38, class_="label middle"))
+    return [*drawn, upright_label(y_label, (_TOP + bottom) / 2)]
+
+
+def _said(values: NDArray[np.float64], slice_: Slice) -> str:
+    scored = values[values > 0]
+    what = f"{AXES[slice_.across][0]}; {AXES[slice_.up][0]}"
+    if not scored.size:
+        return f"Over {what}: no place is reached."
+    share = 100 * scored.size / max(1, int((values >= 0).sum()))
+    return (
+        f"Over {what}: scores {_words(scored.min())} to {_words(scored.max())}, {share:.0f} % of"
+        " the places reached."
+    )

@@ -28,6 +28,23 @@ def element(name: str, content: str | Iterable[str] = "", /, **attributes: objec
     return f"<{name}{written}>{inside}</{name}>" if inside else f"<{name}{written}/>"
 
 
+def line(x1: float, y1: float, x2: float, y2: float, style: str) -> str:
+    """Return a straight line [px] of a class."""
+    return element("line", x1=x1, x2=x2, y1=y1, y2=y2, class_=style)
+
+
+def rect(
+    x: float, y: float, width: float, height: float, content: str = "", /, **attributes: object
+) -> str:
+    """Return a rectangle with its upper left corner at (x, y) [px]."""
+    return element("rect", content, x=x, y=y, width=width, height=height, **attributes)
+
+
+def circle(x: float, y: float, r: float, style: str) -> str:
+    """Return a circle around (x, y) [px] of a class."""
+    return element("circle", cx=x, cy=y, r=r, class_=style)
+
+
 def text(words: str, x: float, y: float, /, **attributes: object) -> str:
     """Return a line of text with its anchor at (x, y)."""
     return element("text", escape(words), x=x, y=y, **attributes)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from ergoqp.limits import Rows, Situation
+from ergoqp.limits import LimitContext, Rows
 from ergoqp.limits.limit import straight_margins
 
 
@@ -20,22 +20,22 @@ class Ceiling:
     names = ("ceiling",)
     unit = "m"
     hard = True
-    returns = (True,)
+    recovers = (True,)
     yield_zone = 0.0
-    proven = False
+    margin_is_lower_bound = False
     linear = True
 
     def measure(self) -> None:
         """Need nothing measured beforehand."""
 
-    def rows(self, situation: Situation) -> Rows:
+    def rows(self, context: LimitContext) -> Rows:
         """Return how fast z grows with the twist, and how far it is from the height."""
         matrix = ca.DM(1, 6)
         matrix[0, 2] = 1.0
         free = ca.DM([ca.inf])
-        left = self.height - situation.pose[2, 3]
-        return situation.counted("ceiling", Rows(matrix, free, left, free, ca.DM.zeros(1)))
+        left = self.height - context.pose[2, 3]
+        return context.reduced("ceiling", Rows(matrix, free, left, free, ca.DM.zeros(1)))
 
-    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+    def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest distance on a straight way: a height is linear."""
-        return straight_margins(self.rows(situation), displacement)
+        return straight_margins(self.rows(context), displacement)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.motion import JointMotion
+from ergoqp.mocap.recording import JointMotion
 
 
 def read_centres(path: Path) -> JointMotion:
@@ -19,7 +19,7 @@ def read_centres(path: Path) -> JointMotion:
     try:
         head, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
     except OSError as error:
-        raise RecordingError(f"{path.name}: got {error.strerror}, allowed a file") from None
+        raise RecordingError(f"{path.name}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{path.name}: got byte {error.start}, which is not UTF-8, allowed a text"

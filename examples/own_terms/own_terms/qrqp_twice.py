@@ -5,9 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.evaluator import Evaluator
-from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer
+from ergoqp.expressions import Evaluator
+from ergoqp.solvers.session import Qp, QpAnswer
 from ergoqp.solvers.solver import QpSolver
 
 _SILENT = {"print_iter": False, "print_header": False, "print_info": False}

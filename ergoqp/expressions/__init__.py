@@ -1,1 +1,0 @@
-"""Small CasADi tools."""

@@ -1,0 +1,3 @@
+"""People with mass: they stand or sit by contact alone, and hold the object with a soft grasp."""
+
+from __future__ import annotations

@@ -1,0 +1,1 @@
+"""People who are never the controller's own model, drawn at random."""

@@ -1,0 +1,3 @@
+"""Fit of a body's posture to joint centres."""
+
+from __future__ import annotations

@@ -1,0 +1,578 @@
+"""Postures from joint centres: every angle in closed form, from the bones that determine it.
+
+Interpolation of angles that are not determined at every moment.
+
+The rotation of an upper arm is determined only while the elbow is bent, and its flexion is not
+determined while the arm points straight to the side. The measured value is then noise. Such an
+angle is modelled as a random walk that is measured with a varying accuracy. Its mean given all
+measurements is the solution of a tridiagonal system.
+
+Choice between the two triples of shoulder angles that give the same arm. Flexion f, abduction a and
+rotation r give the same arm as f + 180, 180 - a and r + 180 degrees. The two triples meet where the
+arm points straight to the side. A movement keeps to one of them. Over the whole recording the
+sequence with the least change from frame to frame is chosen (Viterbi's algorithm).
+
+Angles of arms and legs from the directions of their bones, in closed form. A limb's first bone
+gives flexion and abduction of the joint that it hangs from. The next bone gives the rotation about
+the first and the bend between both. Directions are given in the axes of the segment that the limb
+hangs from: x forward, y left, z up. A hanging limb points down.
+
+Pose of the pelvis, and angles of trunk and neck, in closed form. The pelvis is upright by
+definition and has the heading of the hips. The trunk is the line from the middle of the hips to the
+base of the neck, with the twist of the shoulders. The neck is the line from there to the top of the
+head, or its base, with the twist of the nose.
+
+A posture is scored by the directions of its bones. The angles are therefore those of the
+recording's own bones, whatever their lengths. The distance between the recorded joint centres and
+those of the fitted body is the check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ergoqp.arguments import Progress, unseen
+from ergoqp.human import Body
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.fitting.validity import (
+    Usual,
+    angle_between,
+    filled,
+    not_followed,
+    not_seen,
+    steady,
+    usual_lengths,
+)
+from ergoqp.mocap.naming import CENTRES, centres_of, placed
+
+_TOLERANCE: Final = np.radians(20.0)
+"""Excess over the ranges that is free of cost, because people can reach it [rad]."""
+_IMPLAUSIBLE: Final = 10.0
+"""Cost of an angle beyond that, per second [1/s]."""
+_LEAST: Final = 0.1
+"""Smallest weight of a change of the flexion, even where the flexion is not determined."""
+_OVER: Final = 0.6
+"""Cost of a start with an abduction above 90 degrees [rad]."""
+_GAP: Final = 0.5
+"""Duration of a gap after which the sequence begins anew [s]."""
+
+
+def both_ways(
+    angles: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return both triples of angles (n, 3) [rad], shifted by whole turns towards their ranges.
+
+    Args:
+        angles: flexion, abduction within 90 degrees of zero, and rotation (n, 3) [rad].
+        lower: lower ends of the ranges (3,) [rad].
+        upper: upper ends of the ranges (3,) [rad].
+    """
+    other = np.pi + angles * np.array([1.0, -1.0, 1.0])
+    return near(angles, lower, upper), near(other, lower, upper)
+
+
+def near(angles: np.ndarray, lower: np.ndarray | float, upper: np.ndarray | float) -> np.ndarray:
+    """Return angles, shifted by whole turns to be nearest to the middle of a range [rad]."""
+    middle = (lower + upper) / 2
+    return middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi
+
+
+def chosen(
+    pair: tuple[np.ndarray, np.ndarray],
+    shows: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    time: np.ndarray,
+    begin: bool | None = None,
+) -> np.ndarray:
+    """Return the frames in which the second of two triples of angles is chosen (n,) bool.
+
+    Args:
+        pair: the triples (n, 3) [rad], see `both_ways`; NaN where the arm is not seen.
+        shows: how well flexion, abduction and rotation are determined (n, 3), 0 to 1.
+        lower: lower ends of the ranges (3,) [rad].
+        upper: upper ends of the ranges (3,) [rad].
+        time: times of the frames (n,) [s].
+        begin: whether the second triple is chosen at first; None: unknown.
+    """
+    seen = np.flatnonzero(np.isfinite(pair[0][:, :2]).all(axis=1))
+    if not len(seen):
+        return np.zeros(len(time), dtype=bool)
+    both = np.stack([np.nan_to_num(each[seen]) for each in pair])
+    told, at = shows[seen], time[seen]
+    beyond = np.maximum(lower - both, both - upper).clip(0)
+    since = np.diff(at, prepend=-np.inf)[:, None]
+    here = _IMPLAUSIBLE * np.minimum(since, 0.1) * (beyond - _TOLERANCE).clip(0) * told
+    # After a gap, angles within the ranges and an arm that is lifted forward are preferred.
+    anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
+    cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
+    if begin is not None:
+        cost[0 if begin else 1, 0] = np.inf
+    weight = np.minimum(told[1:], told[:-1])
+    weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
+    # From each triple of a frame to each of the next one.
+    way = (weight * np.abs(both[:, 1:] - both[:, None, :-1])).sum(axis=3)
+    way[:, :, since[1:, 0] > _GAP] = 0.0
+    # While an arm is not seen, it keeps the triple of the last frame in which it was seen.
+    before = np.searchsorted(seen, np.arange(len(time)), side="right") - 1
+    return _least(cost, way)[np.maximum(before, 0)]
+
+
+def _least(here: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Return the sequence of two states with the least cost (k,) bool.
+
+    Args:
+        here: cost of each state in each frame (2, k).
+        way: cost of each change, from state to state (2, 2, k - 1).
+    """
+    first, second = here[:, 0].tolist()
+    came = []
+    for (cost, beyond), (stay, leave, back, keep) in zip(
+        here.T[1:].tolist(), way.reshape(4, -1).T.tolist(), strict=True
+    ):
+        origin = (first + stay > second + back, first + leave > second + keep)
+        came.append(origin)
+        first, second = (
+            cost + min(first + stay, second + back),
+            beyond + min(first + leave, second + keep),
+        )
+    state = second < first
+    states = [state]
+    for origin in reversed(came):
+        state = origin[state]
+        states.append(state)
+    return np.array(states[::-1])
+
+
+Angles = dict[str, np.ndarray]
+"""Joint, without its side -> angles (n,) [rad], or whether they are determined (n,) bool."""
+
+_TOE: Final = 0.01
+"""Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
+THUMB: Final = np.arctan2(0.02, 0.05)
+"""Angle by which the thumb of `models/human.xml` is turned inward about the hand [rad]."""
+
+
+def arm_angles(
+    side: str,
+    upper_arm: np.ndarray,
+    forearm: np.ndarray,
+    hand: np.ndarray,
+    thumb: np.ndarray,
+    time: np.ndarray,
+    begin: bool | None = None,
+) -> tuple[Angles, Angles, np.ndarray]:
+    """Return the angles of an arm, which of them are determined, and which triple is chosen.
+
+    The latter two are (n,) bool; for the last see `ergoqp.mocap.fitting.posture`.
+
+    Args:
+        side: ``right`` or ``left``.
+        upper_arm: from shoulder to elbow in the axes of the trunk (n, 3); NaN where not seen, here
+            and below.
+        forearm: from elbow to wrist (n, 3).
+        hand: from wrist to knuckles (n, 3).
+        thumb: from wrist to thumb (n, 3).
+        time: times of the frames (n,) [s].
+        begin: whether the second triple is chosen at first; None: unknown.
+    """
+    out, upper_arm = _out(side), unit(upper_arm)
+    forearm = _beyond(upper_arm, forearm)
+    hand = _beyond(forearm, hand)
+    lower, upper = _range(side, "shoulder_flexion", "shoulder_abduction", "shoulder_rotation")
+    forward, aside, up = upper_arm.T
+    bend = angle_between(upper_arm, forearm)
+
+    held = np.stack([np.arctan2(forward, -up), np.arcsin(np.clip(out * aside, -1, 1))], axis=1)
+    turn = _turn(forearm, held, out)
+    shows = np.stack([np.hypot(forward, up), np.ones_like(up), np.sin(bend)], axis=1)
+    ways = both_ways(np.column_stack([held, turn]), lower, upper)
+    second = chosen(ways, np.nan_to_num(shows), lower, upper, time, begin)
+    flexion = np.where(second, ways[1][:, 0], ways[0][:, 0])
+    # The angle jumps where the other triple is chosen, or where it wraps by a whole turn.
+    leaps = np.diff(second) | (np.abs(np.diff(flexion)) > 1.2 * np.pi)
+    flexion = steady(flexion, shows[:, 0], time, leaps)
+    flexion = np.clip(flexion, lower[0], upper[0])
+    # Abduction and rotation are recomputed for this flexion, so that the arm's direction is kept.
+    along = np.sin(flexion) * forward - np.cos(flexion) * up
+    abduction = near(np.arctan2(out * aside, along), lower[1], upper[1])
+    held = np.stack([flexion, np.clip(filled(abduction, time), lower[1], upper[1])], axis=1)
+    turn = near(_turn(forearm, held, out), lower[2], upper[2])
+    turn = steady(turn, shows[:, 2], time, leaps)
+    rotation = np.clip(turn, lower[2], upper[2])
+    elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
+
+    axes = _hanging(held, out) * Rotation.from_euler("ZY", np.stack([-out * rotation, -elbow], 1))
+    angles, told = _wrist_angles(side, axes.inv().apply(hand), axes.inv().apply(thumb), time)
+    angles |= {
+        "shoulder_flexion": flexion,
+        "shoulder_abduction": held[:, 1],
+        "shoulder_rotation": rotation,
+        "elbow_flexion": elbow,
+    }
+    told |= dict.fromkeys(("shoulder_flexion", "shoulder_abduction"), np.isfinite(up))
+    told |= dict.fromkeys(("shoulder_rotation", "elbow_flexion"), np.isfinite(bend))
+    return angles, told, second
+
+
+def leg_angles(
+    side: str,
+    thigh: np.ndarray,
+    shank: np.ndarray,
+    foot: np.ndarray,
+    sole: np.ndarray,
+    time: np.ndarray,
+) -> tuple[Angles, Angles]:
+    """Return the angles of a leg, and which of them the recording determines (n,) bool.
+
+    Args:
+        side: ``right`` or ``left``.
+        thigh: from hip to knee in the upright axes of the pelvis (n, 3); NaN where not seen, here
+            and below.
+        shank: from knee to ankle (n, 3).
+        foot: from ankle to toe (n, 3).
+        sole: from ankle to toe of the person's own foot, in its axes (3,).
+        time: times of the frames (n,) [s].
+    """
+    out, thigh = _out(side), unit(thigh)
+    shank = _beyond(thigh, shank)
+    foot = _beyond(shank, foot)
+    lower, upper = _range(side, "hip_flexion", "hip_abduction", "hip_rotation")
+    forward, aside, up = thigh.T
+    bend = angle_between(thigh, shank)
+    flexion = steady(np.arctan2(forward, -up), np.hypot(forward, up), time)
+    held = np.stack([flexion, filled(np.arcsin(np.clip(out * aside, -1, 1)), time)], axis=1)
+    held = np.clip(held, lower[:2], upper[:2])
+    # The shank determines the rotation of a bent leg, the foot that of a straight one.
+    back, toes = _hanging(held, out).inv().apply(shank), _hanging(held, out).inv().apply(foot)
+    ahead = -np.sin(bend)[:, None] * back[:, :2]
+    ahead += np.nan_to_num(_TOE * np.maximum(np.cos(bend), 0)[:, None] * toes[:, :2])
+    turn = np.arctan2(-out * ahead[:, 1], ahead[:, 0])
+    turn = steady(turn, np.sqrt(np.linalg.norm(ahead, axis=1)), time)
+    rotation = np.clip(turn, lower[2], upper[2])
+    knee = np.clip(filled(bend, time), *_range(side, "knee_flexion"))
+
+    axes = _hanging(held, out) * Rotation.from_euler("ZY", np.stack([-out * rotation, knee], 1))
+    toes, (length, _, drop) = axes.inv().apply(foot), sole / np.linalg.norm(sole)
+    roll = np.arcsin(np.clip(toes[:, 1] / -drop, -1, 1))
+    pitch = np.arctan2(toes[:, 2], toes[:, 0]) - np.arctan2(drop * np.cos(roll), length)
+    angles = {
+        "hip_flexion": held[:, 0],
+        "hip_abduction": held[:, 1],
+        "hip_rotation": rotation,
+        "knee_flexion": knee,
+        "ankle_flexion": _inside(side, "ankle_flexion", pitch, time),
+        "ankle_inversion": _inside(side, "ankle_inversion", -out * roll, time),
+    }
+    told: Angles = dict.fromkeys(("hip_flexion", "hip_abduction"), np.isfinite(up))
+    told |= dict.fromkeys(("hip_rotation", "knee_flexion"), np.isfinite(bend))
+    told |= dict.fromkeys(("ankle_flexion", "ankle_inversion"), np.isfinite(pitch))
+    return angles, told
+
+
+def _wrist_angles(
+    side: str, hand: np.ndarray, thumb: np.ndarray, time: np.ndarray
+) -> tuple[Angles, Angles]:
+    """Return the angles of forearm and wrist; hand and thumb in the axes of the elbow (n, 3)."""
+    out = _out(side)
+    up = -hand
+    beside = unit(thumb - (thumb * up).sum(axis=1, keepdims=True) * up)
+    across = np.cross(up, beside)
+    ahead = np.cos(THUMB) * beside + out * np.sin(THUMB) * across
+    # The hand's left axis is the axis of deviation, so deviation does not change it.
+    left = np.cross(up, ahead)
+    pronation = _inside(side, "forearm_pronation", out * np.arctan2(left[:, 0], left[:, 1]), time)
+    turned = Rotation.from_euler("Z", -out * pronation[:, None]).inv().apply(hand)
+    flexion = -out * np.arctan2(turned[:, 1], -turned[:, 2])
+    deviation = -np.arcsin(np.clip(turned[:, 0], -1, 1))
+    angles = {
+        "forearm_pronation": pronation,
+        "wrist_flexion": _inside(side, "wrist_flexion", flexion, time),
+        "wrist_deviation": _inside(side, "wrist_deviation", deviation, time),
+    }
+    told: Angles = dict.fromkeys(("wrist_flexion", "wrist_deviation"), np.isfinite(turned[:, 0]))
+    return angles, told | {"forearm_pronation": np.isfinite(left[:, 0])}
+
+
+def _turn(bone: np.ndarray, held: np.ndarray, out: float) -> np.ndarray:
+    """Return the inward rotation of a limb (n,) [rad], from the bone beyond its bend.
+
+    Args:
+        bone: direction of that bone (n, 3).
+        held: flexion and abduction of the limb (n, 2) [rad].
+        out: sign of the outside along y.
+    """
+    beyond = _hanging(held, out).inv().apply(bone)
+    return np.arctan2(-out * beyond[:, 1], beyond[:, 0])
+
+
+def _hanging(held: np.ndarray, out: float) -> Rotation:
+    """Return the axes of a limb with some flexion and abduction (n, 2) [rad]."""
+    return Rotation.from_euler("YX", np.nan_to_num(held) * np.array([-1.0, out]))
+
+
+def _out(side: str) -> float:
+    """Return the sign of a side's outside along y."""
+    return -1.0 if side == "right" else 1.0
+
+
+def _range(side: str, *joints: str) -> np.ndarray:
+    """Return the ends of the ranges (2, len(joints)) [rad]."""
+    numbers = [INDEX[f"{side}_{joint}"] for joint in joints]
+    return np.stack([LOWER[numbers], UPPER[numbers]])
+
+
+def _inside(side: str, joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return angles with gaps filled and clipped to the range (n,) [rad]."""
+    lower, upper = _range(side, joint).ravel()
+    return np.clip(filled(near(angles, lower, upper), time), lower, upper)
+
+
+def _beyond(bone: np.ndarray, following: np.ndarray) -> np.ndarray:
+    """Return the directions of the next bone (n, 3); NaN where the first bone is not seen."""
+    return np.where(np.isfinite(bone), unit(following), np.nan)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors of length one (n, 3); NaN for those without a direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, np.nan)
+
+
+def either(*choices: np.ndarray) -> np.ndarray:
+    """Return the first of several vectors that is seen, in each frame (n, 3)."""
+    found = choices[-1]
+    for choice in reversed(choices[:-1]):
+        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
+    return found
+
+
+def every_centre(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the positions of every centre, NaN for those that the recording does not have."""
+    lost = np.full_like(next(iter(places.values())), np.nan)
+    return {**dict.fromkeys(CENTRES, lost), **places}
+
+
+_PAIRS: Final = ("hip", "shoulder", "knee", "elbow", "ankle", "wrist")
+"""Pairs of centres that define the heading of the body, the best first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spine:
+    """Pelvis, trunk and neck over time.
+
+    Attributes:
+        pelvis: x, y, z [m] and yaw [rad] of the pelvis (n, 4).
+        angles: joint -> angles within the range (n,) [rad].
+        told: joint -> whether the recording determines it (n,) bool.
+        upright: axes of the pelvis.
+        trunk: axes of the trunk.
+    """
+
+    pelvis: np.ndarray
+    angles: dict[str, np.ndarray]
+    told: dict[str, np.ndarray]
+    upright: Rotation
+    trunk: Rotation
+
+
+def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
+    """Return pelvis, trunk and neck.
+
+    Args:
+        place: every centre -> positions (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s].
+    """
+    hips = either((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
+    shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
+    neck = either(place["neck"], shoulders)
+    yaw = _unwrapped(_heading(place), time)
+    pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
+    upright = Rotation.from_euler("Z", yaw[:, None])
+    trunk, trunk_told, axes = _segment(
+        "trunk", upright, neck - hips, place["left_shoulder"] - place["right_shoulder"], time
+    )
+    # The nose defines left: perpendicular to where it points.
+    head = either(place["head_top"], place["head"])
+    ahead = place["nose"] - either(place["head"], neck)
+    left = np.cross(head - neck, ahead)
+    bent, bent_told, _ = _segment("neck", axes, head - neck, left, time)
+    return Spine(pelvis, trunk | bent, trunk_told | bent_told, upright, axes)
+
+
+def _segment(
+    name: str, below: Rotation, along: np.ndarray, left: np.ndarray, time: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Rotation]:
+    """Return flexion, side bend and twist of a segment, which are determined, and its axes."""
+    x, y, z = below.inv().apply(along).T
+    length = np.sqrt(x**2 + y**2 + z**2)
+    bend = np.arcsin(np.clip(y / np.where(length > 0, length, np.nan), -1, 1))
+    angles = {f"{name}_flexion": np.arctan2(x, z), f"{name}_side_bend": bend}
+    angles = {joint: _within_range(joint, each, time) for joint, each in angles.items()}
+    axes = below * Rotation.from_euler("YX", np.stack(list(angles.values()), 1) * [1.0, -1.0])
+    seen = np.isfinite(bend)
+    x, y, _ = axes.inv().apply(left).T
+    turned = np.where(seen & (np.hypot(x, y) > 0), np.arctan2(-x, y), np.nan)
+    twist = _within_range(f"{name}_twist", turned, time)
+    told = {joint: seen for joint in angles} | {f"{name}_twist": np.isfinite(turned)}
+    return angles | {f"{name}_twist": twist}, told, axes * Rotation.from_euler("Z", twist[:, None])
+
+
+def _heading(place: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the heading of the body (n,) [rad], from the best pair that is seen; NaN: none."""
+    yaw = np.full(len(place["neck"]), np.nan)
+    for pair in _PAIRS:
+        left = place[f"left_{pair}"] - place[f"right_{pair}"]
+        yaw = np.where(np.isfinite(yaw), yaw, np.arctan2(-left[:, 0], left[:, 1]))
+    return yaw
+
+
+def _unwrapped(yaw: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return angles (n,) [rad], unwrapped and with gaps filled."""
+    seen = np.isfinite(yaw)
+    whole = np.full(len(yaw), np.nan)
+    whole[seen] = np.unwrap(yaw[seen])
+    return filled(whole, time)
+
+
+def _within_range(joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
+    return np.clip(filled(angles, time), LOWER[INDEX[joint]], UPPER[INDEX[joint]])
+
+
+_BLOCK: Final = 8192
+"""Frames that are fitted at once, because an hour does not fit into memory."""
+_AROUND: Final = 3.0
+"""Duration before and after a block that is fitted with it [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The fitted movement.
+
+    Attributes:
+        pelvis: x, y, z [m] and yaw [rad] (n, 4).
+        postures: joint angles within their ranges (n, 32) [rad].
+        observed: which joint angles the recording determines (n, 32).
+        errors: centre -> distance of the body's from the recording's (n,) [m]; NaN: not seen.
+        not_scored: cause -> the frames that are not scored because of it (n,) bool.
+    """
+
+    pelvis: np.ndarray
+    postures: np.ndarray
+    observed: np.ndarray
+    errors: dict[str, np.ndarray]
+    not_scored: dict[str, np.ndarray]
+
+    @property
+    def error(self) -> np.ndarray:
+        """Root of the mean squared distance of the seen centres (n,) [m]; NaN: none is seen."""
+        total, count = np.zeros(len(self.pelvis)), np.zeros(len(self.pelvis))
+        for each in self.errors.values():
+            seen = np.isfinite(each)
+            total += np.where(seen, each, 0.0) ** 2
+            count += seen
+        return np.sqrt(total / np.where(count, count, np.nan))
+
+
+def fit(
+    body: Body, places: Mapping[str, np.ndarray], time: np.ndarray, progress: Progress = unseen
+) -> Fit:
+    """Return the postures of a body whose joint centres are known.
+
+    An angle that is never determined is zero. One that is not determined for a while is
+    interpolated.
+
+    Args:
+        body: the person.
+        places: centre -> positions (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s], increasing.
+        progress: is called with the share of the frames that is done.
+    """
+    count, usual = len(time), usual_lengths(places)
+    whole = Fit(
+        np.empty((count, 4)),
+        np.empty((count, len(JOINTS))),
+        np.empty((count, len(JOINTS)), dtype=bool),
+        {centre: np.empty(count, dtype=np.float32) for centre in placed(places)},
+        {},
+    )
+    over: dict[str, np.ndarray] = {}
+    for start in range(0, count, _BLOCK):
+        stop = min(start + _BLOCK, count)
+        first = int(np.searchsorted(time, time[start] - _AROUND))
+        last = int(np.searchsorted(time, time[stop - 1] + _AROUND, side="right"))
+        near = {centre: path[first:last].astype(float) for centre, path in places.items()}
+        # In the overlap of two blocks, an arm keeps the triple of angles that it had.
+        begin = {}
+        for side, ways in over.items():
+            # It is that of the first frame already fitted in which the arm is seen.
+            seen = whole.observed[first:start, INDEX[f"{side}_shoulder_flexion"]]
+            if seen.any():
+                begin[side] = bool(ways[first + int(np.argmax(seen))])
+        part, second = _fitted(body, near, time[first:last], begin, usual)
+        here, rows = slice(start - first, stop - first), slice(start, stop)
+        for side, ways in second.items():
+            over.setdefault(side, np.zeros(count, dtype=bool))[rows] = ways[here]
+        for name in ("pelvis", "postures", "observed"):
+            getattr(whole, name)[rows] = getattr(part, name)[here]
+        for centre, errors in part.errors.items():
+            whole.errors[centre][rows] = errors[here]
+        for cause, frames in part.not_scored.items():
+            if frames[here].any():
+                known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
+                known[rows] = frames[here]
+        progress(stop / count)
+    causes = whole.not_scored | not_seen(whole.observed, whole.postures, time)
+    return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
+
+
+def _fitted(
+    body: Body,
+    places: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    begin: Mapping[str, bool],
+    usual: Mapping[str, Usual],
+) -> tuple[Fit, dict[str, np.ndarray]]:
+    """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
+    place = every_centre(places)
+    spine = spine_of(place, time)
+    angles, told, second = dict(spine.angles), dict(spine.told), {}
+    into_trunk, into_pelvis = spine.trunk.inv(), spine.upright.inv()
+    for side in SIDES:
+        at = {name.removeprefix(f"{side}_"): path for name, path in place.items()}
+        *of_arm, second[side] = arm_angles(
+            side,
+            into_trunk.apply(at["elbow"] - at["shoulder"]),
+            into_trunk.apply(at["wrist"] - at["elbow"]),
+            into_trunk.apply(at["knuckles"] - at["wrist"]),
+            into_trunk.apply(at["thumb"] - at["wrist"]),
+            time,
+            begin.get(side),
+        )
+        of_leg = leg_angles(
+            side,
+            into_pelvis.apply(at["knee"] - at["hip"]),
+            into_pelvis.apply(at["ankle"] - at["knee"]),
+            into_pelvis.apply(at["toe"] - at["ankle"]),
+            body.model.site(f"{side}_toe").pos,
+            time,
+        )
+        for limb, seen in (of_arm, of_leg):
+            angles |= {f"{side}_{joint}": each for joint, each in limb.items()}
+            told |= {f"{side}_{joint}": each for joint, each in seen.items()}
+    postures = np.stack([angles[joint] for joint in JOINTS], axis=1)
+    observed = np.stack([told[joint] for joint in JOINTS], axis=1)
+    fitted = centres_of(body, spine.pelvis, postures)
+    errors = {
+        centre: np.linalg.norm(fitted[centre] - path, axis=1)
+        for centre, path in places.items()
+        if centre in fitted
+    }
+    found = Fit(spine.pelvis, postures, observed, errors, {})
+    causes = not_followed(places, fitted, found.error, usual, time)
+    return replace(found, not_scored=causes), second

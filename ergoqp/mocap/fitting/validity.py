@@ -1,0 +1,524 @@
+"""Frames of a recording that are not scored, gaps and jumps, and smoothing of what jitters.
+
+Gaps and jumps: frames between those that are known, or between those that are wrong.
+
+The accelerations of people are bounded. A bone that turns and turns back faster than a person can
+has moved in the recording only.
+
+Smoothing of joint centres that jitter from frame to frame, as far as they jitter.
+
+In recordings by depth cameras, a wrist at rest jitters by a centimetre or two. That is 5 degrees of
+a forearm, and in some frames half a band of the sheet. A recording without jitter is left
+unchanged, to the last bit.
+
+The jitter of a centre is its distance from the cubic through its four neighbours in time. The
+smoothed path is the likeliest path of a point whose acceleration is white noise: the spline that
+minimises squared distance over the jitter's variance plus squared acceleration over its density
+(Wahba, "Spline models for observational data", SIAM 1990, section 1.3), one pentadiagonal system.
+The density is that of the movement around: hammering is smoothed less than standing.
+
+Frames of a recording that are not scored, and the causes.
+
+A frame is not scored if the recording does not show a posture in it: a bone that the body cannot
+follow within its joints' ranges, a bone that is suddenly longer or shorter, a body that is far from
+the recording, or a joint that is lost. Such frames are counted, with their causes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter1d
+
+from ergoqp.joints import INDEX, SIDES, spoken
+from ergoqp.mocap.formats.text import are_alike
+
+_NOISE: Final = np.radians(1.0) ** 2
+"""Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""
+
+
+_SURE: Final = 1e-6
+"""Share of that variance that a fully determined angle has: it is practically kept as measured."""
+
+
+_WANDER: Final = 1.0
+"""Growth of an angle's variance per second [rad^2/s]."""
+
+
+_USUAL: Final = 1.0
+"""Variance about zero of an angle of which nothing is known [rad^2]."""
+
+
+_FORGOTTEN: Final = 10.0
+"""Time after which nothing is known of an earlier angle [s]."""
+
+
+def steady(
+    measured: np.ndarray, shows: np.ndarray, time: np.ndarray, leaps: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the likeliest angles (n,) [rad].
+
+    Args:
+        measured: angles (n,) [rad], unwrapped; NaN where there is none.
+        shows: how much a small change of the angle turns the measured bone (n,), 0 to 1.
+        time: times of the frames (n,) [s], increasing.
+        leaps: steps between frames in which the angle may jump (n - 1,) bool; None: nowhere.
+    """
+    seen = np.isfinite(measured) & (shows > 0)
+    weight = np.where(seen, shows**2 / np.maximum(1 - shows**2, _SURE), 0.0)
+    known = np.where(seen, measured, 0.0)
+    if not seen.any():
+        return known
+    since = np.diff(time)
+    links = _NOISE / (_WANDER * since)
+    if leaps is not None:
+        links = np.where(leaps, 0.0, links)
+    unknown = np.minimum(np.concatenate([since, [_FORGOTTEN]]) / _FORGOTTEN, 1.0)
+    diagonal = weight + _NOISE / _USUAL * unknown
+    diagonal[:-1] += links
+    diagonal[1:] += links
+    if len(time) == 1:
+        return weight * known / diagonal
+    banded = np.stack([np.concatenate([[0.0], -links]), diagonal])
+    return solveh_banded(banded, weight * known, check_finite=False)
+
+
+def filled(measured: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return angles (n,) [rad] as measured, with those of `steady` where there is none (NaN)."""
+    seen = np.isfinite(measured)
+    if seen.all():
+        return measured
+    return np.where(seen, measured, steady(measured, seen.astype(float), time))
+
+
+BRIDGED: Final = 0.2
+"""Longest gap of a lost joint that is interpolated [s]."""
+_LEAP: Final = 300.0
+"""Change of a bone's angular velocity above which it jumps [rad/s^2]; hammering reaches 130."""
+_MOVED: Final = 0.03
+"""Smallest relative movement of a jumping bone's ends [m], because noise turns short bones."""
+_TURNED: Final = np.radians(10.0)
+"""Smallest angle of a jump [rad]."""
+_AT_ONCE: Final = 5
+"""If more bones than this jump at once, it is a cut or a keyframe, not an error."""
+
+
+def leaps(bones: Mapping[str, np.ndarray], time: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the steps between frames in which bones jump: bone -> (n - 1,) bool.
+
+    Args:
+        bones: bone -> vector from one end to the other (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s], increasing.
+    """
+    if not bones:
+        return {}
+    # Repeated frames are skipped: a slower sensor is recorded several times.
+    new = moments(bones)
+    found, since = {}, np.diff(time[new])
+    for name, bone in bones.items():
+        turn = angle_between(bone[new][:-1], bone[new][1:])
+        speed = np.pad(turn / since, 1, constant_values=np.nan)
+        faster = speed[1:-1] - np.fmax(speed[:-2], speed[2:])
+        moved = np.linalg.norm(np.diff(bone[new], axis=0), axis=1)
+        steps = np.zeros(len(time) - 1, dtype=bool)
+        leaping = (faster > _LEAP * since) & (turn > _TURNED) & (moved > _MOVED)
+        steps[np.flatnonzero(new)[1:][leaping] - 1] = True
+        found[name] = steps
+    cuts = np.sum(list(found.values()), axis=0) > _AT_ONCE
+    return {name: steps & ~cuts for name, steps in found.items()}
+
+
+def moments(paths: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the frames that do not repeat the frame before (n,) bool.
+
+    Args:
+        paths: name -> positions (n, 3), NaN where not seen.
+    """
+    new = np.zeros(len(next(iter(paths.values()))), dtype=bool)
+    new[:1] = True
+    for path in paths.values():
+        new[1:] |= ~are_alike(path[1:], path[:-1])
+    return new
+
+
+def between_leaps(leaping: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames between two jumps, or between a jump and a wrong frame (n,) bool.
+
+    A single jump does not count: it does not show on which side the recording is wrong.
+
+    Args:
+        leaping: steps between frames in which a bone jumps (n - 1,) bool.
+        wrong: wrong frames (n,) bool.
+        time: times of the frames (n,) [s], increasing.
+    """
+    # Frames and the steps between them alternate.
+    marks, at = np.zeros(2 * len(time) - 1, dtype=bool), np.empty(2 * len(time) - 1)
+    marks[::2], at[::2] = wrong, time
+    marks[1::2], at[1::2] = leaping, (time[:-1] + time[1:]) / 2
+    return closed(marks, at)[::2]
+
+
+def closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return some frames, and all between two of them that are less than `BRIDGED` apart."""
+    if not frames.any():
+        return frames
+    between, before, after = gaps(frames)
+    return frames | (between & (time[after] - time[before] < BRIDGED))
+
+
+def gaps(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the frames between some given ones (n,) bool, and the last given before and after."""
+    known = np.flatnonzero(frames)
+    at = np.searchsorted(known, np.arange(len(frames)))
+    between = (at > 0) & (at < len(known))
+    before, after = known[np.maximum(at - 1, 0)], known[np.minimum(at, len(known) - 1)]
+    return between, before, after
+
+
+def angle_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the angle between vectors (n,) [rad]; NaN where one is not seen."""
+    across = np.linalg.norm(np.cross(one, other), axis=1)
+    return np.arctan2(across, (one * other).sum(axis=1))
+
+
+_TREMBLES: Final = 0.004
+"""Largest jitter that is not smoothed [m]: a degree of a forearm."""
+_LIVELY: Final = 1.0
+"""Least density of people's acceleration [m^2/s^3]: 10 mm at 60 Hz are smoothed above 4.5 Hz."""
+_BEND: Final = 0.1
+"""Time to either side over which the bend of a path is measured [s]."""
+_WHILE: Final = 0.5
+"""Time to either side over which the density of acceleration is averaged [s]."""
+_QUICK: Final = 0.02
+"""Frame time above which quick movement looks like jitter [s]: no centre's jitter is then taken as
+more than `_ALIKE` times the median of all."""
+_ALIKE: Final = 1.5
+_GAP: Final = 0.2
+"""Longest gap across which a path is smoothed [s]."""
+_FASTEST: Final = 12.0
+"""Largest speed of a jump across which a path is smoothed [m/s]."""
+_FEW: Final = 50
+"""Number of frames from which the jitter of a centre can be measured."""
+_BLOCK: Final = 20_000
+"""Frames that are evaluated at once, to save memory."""
+
+
+def smoothed(
+    places: Mapping[str, np.ndarray], time: np.ndarray
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the smoothed centres, and a sentence about it, or none if nothing was smoothed.
+
+    Args:
+        places: centre -> positions (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s], increasing.
+    """
+    found, trembling, new = dict(places), {}, moments(places)
+    if new.sum() < _FEW:
+        return found, []
+    seen = {centre: new & np.isfinite(path).all(axis=1) for centre, path in places.items()}
+    trembles = {
+        centre: tremble_of(path[seen[centre]], time[seen[centre]])
+        for centre, path in places.items()
+    }
+    if np.median(np.diff(time[new])) > _QUICK:
+        most = _ALIKE * float(np.median(list(trembles.values())))
+        trembles = {centre: min(tremble, most) for centre, tremble in trembles.items()}
+    # A repeated frame shows the position of the last new one.
+    shown = np.cumsum(new) - 1
+    for centre, tremble in trembles.items():
+        if tremble > _TREMBLES:
+            trembling[centre], rows = tremble, seen[centre]
+            path = places[centre].copy()
+            path[rows] = _spline(path[rows].astype(float), time[rows], tremble)
+            found[centre] = path[new][shown]
+    if not trembling:
+        return found, []
+    worst = max(trembling, key=lambda centre: trembling[centre])
+    step = float(np.median(np.diff(time[new])))
+    passes = (_LIVELY / (trembling[worst] ** 2 * step)) ** 0.25 / (2 * math.pi)
+    return found, [
+        f"{len(trembling)} of {len(places)} joint centres jitter from frame to frame, most of all"
+        f" the {spoken(worst)}, by {1000 * trembling[worst]:.0f} mm: they are smoothed, and"
+        f" movements of that centre below {passes:.1f} Hz are kept."
+    ]
+
+
+def tremble_of(path: np.ndarray, time: np.ndarray) -> float:
+    """Return the standard deviation of a coordinate's jitter [m]; zero for too few frames.
+
+    Args:
+        path: positions (n, 3) [m].
+        time: times of the frames (n,) [s], increasing.
+    """
+    if len(time) < _FEW:
+        return 0.0
+    starts = range(0, len(time) - 4, _BLOCK)
+    blocks = [slice(start, min(start + _BLOCK + 4, len(time))) for start in starts]
+    return 1.4826 * float(np.median(np.concatenate([_off(path[b], time[b]) for b in blocks])))
+
+
+def _off(path: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the distance of positions from the cubic through their neighbours (n - 4, 3) [m].
+
+    It is scaled so that independent jitter of all five has its own standard deviation.
+    """
+    # Lagrange weights of the four neighbours, at the time in the middle.
+    around = np.stack([time[:-4], time[1:-3], time[3:-1], time[4:]])
+    middle = time[2:-2]
+    weights = np.ones_like(around)
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[i] *= (middle - around[j]) / (around[i] - around[j])
+    paths = np.stack([path[:-4], path[1:-3], path[3:-1], path[4:]])
+    off = path[2:-2] - (weights[:, :, None] * paths).sum(axis=0)
+    return np.abs(off) / np.sqrt(1 + (weights**2).sum(axis=0))[:, None]
+
+
+def _spline(path: np.ndarray, time: np.ndarray, tremble: float) -> np.ndarray:
+    """Return the likeliest positions (n, 3) [m] for measured positions that jitter."""
+    since = np.diff(time)
+    moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    linked = (since < _GAP) & (moved < np.maximum(_FASTEST * since, 8 * tremble))
+    before, after = since[:-1], since[1:]
+    both = before + after
+    bend = np.stack([2 / (before * both), -2 / (before * after), 2 / (after * both)])
+    lively = _density(path, time, linked, tremble)[1:-1]
+    size = np.where(linked[:-1] & linked[1:], both / 2 * tremble**2 / lively, 0.0)
+    banded = np.zeros((3, len(time)))
+    banded[2] = 1.0
+    for i in range(3):
+        for j in range(i, 3):
+            term = size * bend[i] * bend[j]
+            banded[2 - (j - i), j : len(time) - 2 + j] += term
+    return solveh_banded(banded, path, check_finite=False)
+
+
+def _density(path: np.ndarray, time: np.ndarray, linked: np.ndarray, tremble: float) -> np.ndarray:
+    """Return the density of the acceleration around each frame (n,) [m^2/s^3].
+
+    If the acceleration is white noise of density q, the second difference of the path over h to
+    either side has the variance 2 / 3 q h^3. Jitter adds 6 times its own variance.
+    """
+    step = float(np.median(np.diff(time)))
+    lag, around = max(1, round(_BEND / step)), max(1, round(_WHILE / step))
+    if len(time) <= 2 * lag:
+        return np.full(len(time), _LIVELY)
+    bend = path[2 * lag :] - 2 * path[lag:-lag] + path[: -2 * lag]
+    cuts = np.concatenate([[0], np.cumsum(~linked)])
+    whole = np.pad((cuts[2 * lag :] == cuts[: -2 * lag]).astype(float), lag)
+    square = whole * np.pad((bend**2).mean(axis=1), lag)
+    told, count = (
+        uniform_filter1d(each, 2 * around + 1, mode="constant") for each in (square, whole)
+    )
+    mean = told / np.maximum(count, 1e-6)
+    return np.maximum(_LIVELY, (mean - 6 * tremble**2) / (2 / 3 * (lag * step) ** 3))
+
+
+_OFF: Final = np.radians(10.0)
+"""Largest angle between a bone of the body and the recorded one [rad]: half a band of the sheet."""
+_RIGID: Final = 0.001
+"""Variation of a rigid skeleton's bones is below this share of their length."""
+_LEAST: Final = 0.02
+"""Share by which such a bone may be longer or shorter; with a sideways error it is 12 degrees."""
+_USUALLY: Final = 6.0
+"""Factor on its usual variation by which another bone may be longer or shorter."""
+_MOST: Final = 0.3
+"""Largest share by which any bone may be longer or shorter."""
+_POOR: Final = 0.10
+"""Largest distance between body and recording, RMS over the centres [m]."""
+_ASTRAY: Final = 0.20
+"""Largest distance of one joint centre of the body from the recorded one [m]."""
+_MEANWHILE: Final = np.radians(12.0)
+"""Largest turn of a segment during a gap that is interpolated [rad]."""
+
+_DIRECTIONS: Final = (
+    ("trunk", "hips", "neck"),
+    ("neck", "neck", "skull"),
+    *((f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow") for side in SIDES),
+)
+"""Bones whose direction is scored."""
+_BENDS: Final = tuple(
+    (f"{side} {joint}", *(f"{side}_{centre}" for centre in (start, joint, end)))
+    for side in SIDES
+    for start, joint, end in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+)
+"""Joints whose angle between two bones is scored."""
+_CENTRES: Final = (
+    "neck",
+    *(f"{side}_{name}" for side in SIDES for name in ("shoulder", "elbow", "wrist", "hip", "knee")),
+)
+"""Centres on which a scored angle depends."""
+NEEDED: Final = (
+    ("trunk", "trunk_flexion", "trunk_side_bend"),
+    ("neck", "neck_flexion", "neck_side_bend"),
+    *(
+        (f"{side} {part}", *(f"{side}_{joint}" for joint in joints))
+        for side in SIDES
+        for part, *joints in (
+            ("upper arm", "shoulder_flexion", "shoulder_abduction"),
+            ("forearm", "elbow_flexion"),
+            ("knee", "knee_flexion"),
+        )
+    ),
+)
+"""Segments that a score needs if the recording ever determines them, and their joints.
+
+The first joint tells whether the segment is determined.
+"""
+
+
+@dataclass(frozen=True)
+class Usual:
+    """Usual length of a bone.
+
+    Attributes:
+        length: median of its length [m].
+        leeway: how much longer or shorter it may be [m].
+    """
+
+    length: float
+    leeway: float
+
+
+def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
+    """Return the usual lengths of the bones that determine the score, if they are seen.
+
+    A bone of a skeleton is rigid, and one between measured points varies. The leeway is therefore a
+    multiple of the bone's usual variation.
+
+    Args:
+        places: centre -> positions (n, 3) [m], NaN where not seen.
+    """
+    places, found = _with_middles(places), {}
+    for name, start, end, least in _bones():
+        if start in places and end in places:
+            length = np.linalg.norm(places[end] - places[start], axis=1)
+            if np.isfinite(length).any():
+                middle = float(np.nanmedian(length))
+                varies = 1.4826 * float(np.nanmedian(np.abs(length - middle))) / max(middle, 1e-9)
+                share = _LEAST if varies < _RIGID else min(max(_USUALLY * varies, least), _MOST)
+                found[name] = Usual(middle, share * middle)
+    return found
+
+
+def not_followed(
+    places: Mapping[str, np.ndarray],
+    fitted: Mapping[str, np.ndarray],
+    error: np.ndarray,
+    usual: Mapping[str, Usual],
+    time: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Return the frames in which the body does not follow the recording: cause -> (n,) bool.
+
+    Args:
+        places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
+        fitted: centre -> positions of the body (n, 3) [m].
+        error: RMS distance of the centres (n,) [m].
+        usual: lengths of the bones, see `usual_lengths`.
+        time: times of the frames (n,) [s].
+    """
+    causes = {}
+    places, fitted = _with_middles(places), _with_middles(fitted)
+    for name, *ends in _DIRECTIONS:
+        if name in usual:
+            bone, own = (_bone(each, *ends) for each in (places, fitted))
+            causes[f"{name} beyond its range"] = angle_between(bone, own) > _OFF
+    for name, *ends in _BENDS:
+        if all(end in places for end in ends):
+            bend, own = (
+                angle_between(_bone(each, *ends[:2]), _bone(each, *ends[1:]))
+                for each in (places, fitted)
+            )
+            causes[f"{name} beyond its range"] = np.abs(bend - own) > _OFF
+    bones = {name: _bone(places, *ends) for name, *ends, _ in _bones() if name in usual}
+    leaping = leaps(bones, time)
+    for name, bone in bones.items():
+        off = np.abs(np.linalg.norm(bone, axis=1) - usual[name].length)
+        # Between two wrong frames, a frame in which the length happens to be right is wrong, too.
+        stretched = closed(off > usual[name].leeway, time)
+        causes[f"{name} of unusual length"] = stretched
+        causes[f"{name} jumps"] = between_leaps(leaping[name], stretched, time) & ~stretched
+    causes[f"body off by more than {_POOR:g} m"] = error > _POOR
+    for centre in _CENTRES:
+        if centre in places:
+            apart = np.linalg.norm(places[centre] - fitted[centre], axis=1)
+            causes[f"{spoken(centre)} off by more than {_ASTRAY:g} m"] = apart > _ASTRAY
+    return causes
+
+
+def not_seen(observed: np.ndarray, postures: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the frames in which a segment that a score needs is not seen: cause -> (n,) bool.
+
+    Args:
+        observed: which joint angles are determined (n, 32) bool.
+        postures: joint angles (n, 32) [rad].
+        time: times of the frames (n,) [s].
+    """
+    causes = {}
+    for name, *joints in NEEDED:
+        told, angles = observed[:, INDEX[joints[0]]], postures[:, [INDEX[each] for each in joints]]
+        if told.any():
+            causes[f"{name} not seen"] = _lost(told, angles, time)
+    for name, joints in (
+        ("trunk", ("trunk_flexion",)),
+        ("arms", tuple(f"{side}_shoulder_flexion" for side in SIDES)),
+    ):
+        if not observed[:, [INDEX[joint] for joint in joints]].any():
+            causes[f"{name} not seen"] = np.ones(len(time), dtype=bool)
+    return causes
+
+
+def scored_frames(count: int, not_scored: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the frames that no cause keeps from being scored (count,) bool.
+
+    Args:
+        count: number of frames.
+        not_scored: cause -> the frames that are not scored because of it (count,) bool.
+    """
+    return ~np.logical_or.reduce([np.zeros(count, dtype=bool), *not_scored.values()])
+
+
+def _bones() -> Iterator[tuple[str, str, str, float]]:
+    """Yield name and ends of each bone, and its least leeway as a share if it is not rigid.
+
+    The leeway of the trunk is larger because a bent trunk is shorter, and that of the shoulders
+    because a raised shoulder is nearer to the neck.
+    """
+    yield "trunk", "hips", "neck", _MOST
+    yield "neck", "neck", "skull", _MOST
+    yield "pelvis", "right_hip", "left_hip", 0.1
+    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15
+    for side in SIDES:
+        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2
+        yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1
+        yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06
+        yield f"{side} thigh", f"{side}_hip", f"{side}_knee", 0.06
+        yield f"{side} shank", f"{side}_knee", f"{side}_ankle", 0.06
+
+
+def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames of gaps that are not interpolated, or are at an end (n,) bool."""
+    between, before, after = gaps(told)
+    long = time[after] - time[before] > BRIDGED
+    turned = (np.abs(angles[after] - angles[before]) > _MEANWHILE).any(axis=1)
+    return ~told & ~(between & ~long & ~turned)
+
+
+def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the positions with the middle of the hips and the upper end of the head's bone."""
+    found = dict(places)
+    if "right_hip" in places and "left_hip" in places:
+        found["hips"] = (places["right_hip"] + places["left_hip"]) / 2
+    if "head" in places or "head_top" in places:
+        found["skull"] = places.get("head_top", places.get("head", np.empty(0)))
+    return found
+
+
+def _bone(places: Mapping[str, np.ndarray], start: str, end: str) -> np.ndarray:
+    return places[end] - places[start]

@@ -1,0 +1,403 @@
+"""Joint centres of one person, from the joints, markers or joint angles of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ergoqp.arguments import Progress, unseen
+from ergoqp.errors import InputError, RecordingError
+from ergoqp.human import Body
+from ergoqp.human.body import Marker
+from ergoqp.mocap.formats.text import some
+from ergoqp.mocap.naming import (
+    LANDMARKS,
+    RIGID,
+    Naming,
+    best_set,
+    check_all_there,
+    check_placed,
+    known_namings,
+    known_sets,
+    named_centres,
+    naming_of,
+    parted,
+)
+from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.unseen import oriented, shoulders_of
+
+if TYPE_CHECKING:
+    from ergoqp.mocap.markers.joints import Astray
+
+_LEAST: Final = 6
+"""Least number of joints or markers of a person."""
+_SHARE: Final = 0.5
+"""A prefix with fewer joints than this share of the largest number is not a person of its own."""
+_CORNERS: Final = 3
+"""Number of markers that determine the orientation of a thing."""
+_SAMPLE: Final = 2000
+"""Frames from which the shape of a thing is found, about."""
+_BLOCK: Final = 8192
+"""Frames that are processed at once."""
+_SIZE: Final = 0.5
+"""Size to which a thing is scaled, because shapes are followed in metres [m]."""
+_RIGID: Final = 0.05 * _SIZE
+"""Largest distance of a thing's marker from its place in the shape [m]."""
+
+
+def of_subject(motion: JointMotion, subject: str | None, where: str) -> JointMotion:
+    """Return one person's joints, without their prefix; things of three markers become objects.
+
+    Args:
+        motion: the joints of everybody.
+        subject: prefix of the person; None if there is one person.
+        where: the recording's name, for messages.
+
+    Raises:
+        RecordingError: if there are several people and none is stated.
+        InputError: if there is no such subject.
+    """
+    groups: dict[str, dict[str, str]] = {}
+    for name in motion.names:
+        prefix, own = parted(name)
+        groups.setdefault(prefix, {})[name] = own
+    if subject is not None and subject not in groups:
+        subject = subject.strip("/").removesuffix(":") or subject
+    if subject is not None and subject not in groups:
+        raise InputError(
+            f"{where}: subject: got {subject!r}, allowed"
+            f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: there is no prefix'}"
+        )
+    if not groups:
+        return motion
+    if len(groups) < 2:
+        return _named_alike(motion, *groups.popitem())
+    counts = {prefix: _known(tuple(names.values())) for prefix, names in groups.items()}
+    whole = max(counts.values())
+    people = [p for p, count in counts.items() if count >= max(_LEAST, _SHARE * whole)]
+    if subject is None and len(people) > 1:
+        raise RecordingError(
+            f"{where}: got {len(people)} people ({some([p or 'without a name' for p in people])}),"
+            " allowed one; state the person whose posture is meant (subject)"
+        )
+    chosen = subject if subject is not None else (people[0] if people else None)
+    if chosen is None:
+        return motion
+    said, objects = _said(chosen), dict(motion.objects)
+    others = [p for p in people if p != chosen]
+    for prefix, names in groups.items():
+        if prefix in (chosen, "", *people) or prefix in objects:
+            continue
+        # Joints of a person of whom little is seen may stand still for long, like a thing.
+        own, pose = tuple(names.values()), None
+        if _known(own) <= _SHARE * len(own):
+            pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
+        if pose is None:
+            others.append(prefix)
+            continue
+        objects[prefix] = pose
+        said.append(
+            f"{prefix} is an object of {len(names)} markers: its origin is their middle, and its"
+            " axes are the file's axes in the first frame in which it is seen."
+        )
+    if others:
+        said.append(f"Also in the recording, and left out: {some([repr(p) for p in others])}.")
+    # Names without a prefix belong to the person, too, unless a name with the prefix is the same.
+    own = set(groups[chosen].values())
+    keep = {each: new for each, new in groups.get("", {}).items() if new not in own}
+    keep |= groups[chosen]
+    return replace(motion.joints(keep), objects=objects, notes=(*said, *motion.notes))
+
+
+def _named_alike(motion: JointMotion, prefix: str, names: dict[str, str]) -> JointMotion:
+    """Return the only person's joints, without their prefix if the names are known better without.
+
+    Some namings contain the prefix, and mapping files may.
+    """
+    if _known(tuple(names.values())) <= _known(motion.names):
+        return motion
+    return replace(motion.joints(names), notes=(*_said(prefix), *motion.notes))
+
+
+def _said(person: str) -> list[str]:
+    return [f"The person is {person!r}."] if person else []
+
+
+def _pose_of(points: np.ndarray) -> np.ndarray | None:
+    """Return the poses (n, 4, 4) of a rigid thing from its markers; None if they are not rigid.
+
+    They have to keep their shape in at least half of the frames in which they are seen. Otherwise
+    they belong to somebody who moves.
+    """
+    shown = np.flatnonzero(np.isfinite(points).all(axis=2).sum(axis=1) >= _CORNERS)
+    if not len(shown):
+        return None
+    sample = points[shown[:: max(1, len(shown) // _SAMPLE)]].astype(float)
+    extent = np.fmax.reduce(sample, axis=1) - np.fmin.reduce(sample, axis=1)
+    size = float(np.median(extent.max(axis=1)))
+    scale = _SIZE / size if size > 0 else 1.0
+    # Only things need it.
+    from ergoqp.mocap.markers.rigid import follow, shape_of
+
+    shape = shape_of(scale * sample)
+    if shape is None:
+        return None
+    poses, kept = np.full((len(points), 4, 4), np.nan), 0
+    poses[:, 3] = [0, 0, 0, 1]
+    for at in range(0, len(points), _BLOCK):
+        seen = scale * points[at : at + _BLOCK].astype(float)
+        followed = follow(seen, shape)
+        poses[at : at + _BLOCK, :3, :3] = followed.turn
+        poses[at : at + _BLOCK, :3, 3] = followed.place / scale
+        away = np.linalg.norm(seen - followed.points, axis=2)
+        miss = np.where(np.isfinite(seen).all(axis=2), away, 0.0).max(axis=1)
+        kept += int((np.isfinite(followed.place[:, 0]) & (miss < _RIGID)).sum())
+    if kept < _SHARE * len(shown):
+        return None
+    first = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
+    poses[:, :3, :3] = poses[:, :3, :3] @ poses[first[0], :3, :3].T
+    return poses
+
+
+_SAMPLED: Final = 4000
+"""Frames in which the fit of markers to the body is evaluated, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A person's joint centres in a recording, in the file's axes.
+
+    Attributes:
+        motion: what is left of the person's motion, with the other content of the file.
+        paths: our centre -> positions (n, 3).
+        rest: our centre -> position (3,) in an upright rest pose; empty if there is none or it is
+            not known to be upright.
+        unit: unit of the centres [m]; None if it is unknown.
+        said: sentences about how they were found.
+        markers: used marker -> positions (n, 3) in a sample of frames [m].
+        frames: indices of the frames of that sample.
+        landmarks: marker -> the landmark that it marks, or the segment that it is on.
+        upright: whether trunk and neck have their zero where they are straight, because the
+            recording consists of joint angles.
+        whole: the markers, if some are lost or left out for a while; else None.
+    """
+
+    motion: JointMotion
+    paths: Mapping[str, np.ndarray]
+    rest: Mapping[str, np.ndarray]
+    unit: float | None
+    said: tuple[str, ...]
+    markers: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frames: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    landmarks: Mapping[str, str] = field(default_factory=dict)
+    upright: bool = False
+    whole: JointMotion | None = None
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options for reading a recording; what is None is found from the recording.
+
+    Attributes:
+        body: the person.
+        shapes: marker -> its place on the body, from a person file.
+        subject: the person whose joints are read: the prefix of their names.
+        thing: name of the object that the person holds.
+        unit: size of the unit of length [m].
+        up: the vertical axis.
+        naming: names of the joints.
+        neutral: time at which the person is straight [s], a recording in which the person is
+            straight, or ``"vertical"``.
+        window: first and last time [s].
+        completed: whether lost markers have been estimated already.
+    """
+
+    body: Body | None = None
+    shapes: Mapping[str, Marker] = field(default_factory=dict)
+    subject: str | None = None
+    thing: str | None = None
+    unit: float | None = None
+    up: str | None = None
+    naming: Naming | None = None
+    neutral: float | str | JointMotion | None = None
+    window: tuple[float, float] | None = None
+    completed: bool = False
+
+
+def joints_of(
+    motion: JointMotion, where: str, reading: ReadOptions, progress: Progress = unseen
+) -> Found:
+    """Return the joint centres of one person.
+
+    Args:
+        motion: content of the file.
+        where: its name, for messages.
+        reading: options for reading it; without a naming, the known namings and marker sets are
+            tried.
+        progress: is called with the share of the frames that is done.
+
+    Raises:
+        RecordingError: if the names are unknown, or the recording shows too little of a person.
+        InputError: if there is no such subject.
+    """
+    ready = bool(motion.angles) and not motion.names
+    if ready:
+        # Only ready angles need it.
+        from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
+
+        place = placed_by_angles if own_angles(motion.angles) else posed
+        motion = place(motion, where, reading.body)
+    naming, unit = reading.naming, reading.unit
+    if reading.subject is not None or not _names_whom(naming, motion.names):
+        motion = of_subject(motion, reading.subject, where)
+    landmarks, further, title = _landmarks(motion.names, naming, where)
+    if not landmarks:
+        used, found = naming_of(motion, naming, where)
+        more, turned = oriented(motion, used, found)
+        shoulders, guessed = shoulders_of(motion, found)
+        more, turned = more | shoulders, (*turned, *guessed)
+        paths, rest = named_centres(motion, used, found, more)
+        said = (*motion.notes, *turned)
+        if not ready:
+            said = (f"The joints are named as in the {used.title} skeleton.", *said)
+        if unit is None and motion.unit is not None:
+            said += (f"The unit of length is {motion.unit:g} m, as the file says.",)
+        own = {motion.names[i] for which in found.values() for i in which}
+        things = {name: poses for name, poses in motion.objects.items() if name not in own}
+        return Found(
+            _emptied(motion, things), paths, rest, unit or motion.unit, said, upright=ready
+        )
+    return _of_markers(motion, where, (landmarks, further, title), reading, progress)
+
+
+def _of_markers(
+    motion: JointMotion,
+    where: str,
+    skin: tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str],
+    reading: ReadOptions,
+    progress: Progress,
+) -> Found:
+    """Return the joint centres of one person from markers, as `_landmarks` found them."""
+    # A skeleton needs nothing of markers.
+    from ergoqp.mocap.markers.joints import joints_of_markers, off_origin, unit_of_markers
+
+    landmarks, further, title = skin
+    said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
+    # A joint centre may be at the file's origin, but a marker at the origin was not seen.
+    worn = {**further, **{name: which for name, which in landmarks.items() if name in LANDMARKS}}
+    motion = off_origin(motion, sorted({i for which in worn.values() for i in which}))
+    shapes, stated = reading.shapes, reading.unit or motion.unit
+    motion, landmarks = _with_known(motion, landmarks, title, shapes)
+    size = unit_of_markers(motion, where, landmarks, stated)
+    if stated is None:
+        said += (f"The unit of length is taken as {size:g} m, from the width of the person.",)
+    frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
+    sits = {i: name for name, which in (further | landmarks).items() for i in which}
+    markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
+    used = {motion.names[i]: name for i, name in sits.items()}
+    paths, how, astray = joints_of_markers(
+        motion, where, landmarks, further, shapes, size, progress
+    )
+    check_placed(tuple(paths), where)
+    things = {name: _scaled(poses, size) for name, poses in motion.objects.items()}
+    return Found(
+        _emptied(motion, things),
+        paths,
+        {},
+        1.0,
+        (*said, *motion.notes, *how),
+        markers,
+        frames,
+        used,
+        whole=_lacking(replace(motion, unit=size), used, astray),
+    )
+
+
+def _with_known(
+    motion: JointMotion,
+    landmarks: dict[str, tuple[int, ...]],
+    title: str,
+    shapes: Mapping[str, Marker],
+) -> tuple[JointMotion, dict[str, tuple[int, ...]]]:
+    """Return motion and landmarks with those of rigid segments that only the person file has."""
+    known = next((each for each in known_sets() if each.title == title), None)
+    theirs = known.found_in(tuple(shapes)) if known is not None else {}
+    # Fewer than three landmarks do not determine the pose of a segment.
+    parts = [part for part in RIGID.values() if len(set(part) & set(landmarks)) >= 3]
+    more = [mark for part in parts for mark in part if mark in theirs and mark not in landmarks]
+    if not more:
+        return motion, landmarks
+    count = len(motion.names)
+    positions = np.pad(motion.positions, [(0, 0), (0, len(more)), (0, 0)], constant_values=np.nan)
+    names = (*motion.names, *(theirs[mark] for mark in more))
+    places = {mark: (count + i,) for i, mark in enumerate(more)}
+    return replace(motion, names=names, positions=positions, rest=None), {**landmarks, **places}
+
+
+def _lacking(motion: JointMotion, used: Mapping[str, str], astray: Astray) -> JointMotion | None:
+    """Return the markers without those left out; None if none is left out and none is lost."""
+    from ergoqp.mocap.markers.fit import has_gaps
+    from ergoqp.mocap.markers.joints import astray_said
+
+    if not astray:
+        return motion if has_gaps(motion, used) else None
+    positions = motion.positions.copy()
+    for i, name in enumerate(motion.names):
+        for what in (name, used.get(name, "")):
+            positions[astray.get(what, []), i] = np.nan
+    return replace(motion, positions=positions, notes=(*motion.notes, *astray_said(motion, astray)))
+
+
+def _known(names: tuple[str, ...]) -> int:
+    """Return how many of some names are known names of a person's joints or markers."""
+    found = best_set(names)
+    counts = [len(naming.found_in(names)) for naming in known_namings()]
+    return max(*counts, found[1] if found else 0)
+
+
+def _names_whom(naming: Naming | None, names: tuple[str, ...]) -> bool:
+    """Return whether a mapping names joints with their prefix, which selects the person."""
+    theirs = {name for each in naming.centres.values() for name in each} if naming else set()
+    return theirs <= set(names) and any(parted(name)[0] for name in theirs)
+
+
+def _landmarks(
+    names: tuple[str, ...], naming: Naming | None, where: str
+) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str]:
+    """Return landmark -> indices of its markers, segment -> further markers, and the set's title.
+
+    All are empty if the names match those of joints better. A mapping may name joint centres beside
+    landmarks; these are returned with the landmarks.
+    """
+    if naming is not None:
+        found = naming.found_in(names)
+        landmarks = {name: which for name, which in found.items() if name in LANDMARKS}
+        if not landmarks:
+            return {}, {}, ""
+        check_all_there(naming, found, names, where)
+        return found, {}, naming.title
+    best = best_set(names)
+    if best is None or best[1] <= max(len(known.found_in(names)) for known in known_namings()):
+        return {}, {}, ""
+    marker_set, place = best[0], {name: i for i, name in reversed(list(enumerate(names)))}
+    landmarks = {mark: (place[name],) for mark, name in marker_set.found_in(names).items()}
+    further = {
+        segment: tuple(place[name] for name in theirs)
+        for segment, theirs in marker_set.more_in(names).items()
+    }
+    return landmarks, further, marker_set.title
+
+
+def _emptied(motion: JointMotion, things: Mapping[str, np.ndarray]) -> JointMotion:
+    """Return a motion without its joints, so that their memory can be freed."""
+    nowhere = np.empty((len(motion.time), 0, 3))
+    return replace(motion, names=(), positions=nowhere, rest=None, turns={}, objects=things)
+
+
+def _scaled(poses: np.ndarray, unit: float) -> np.ndarray:
+    scaled = poses.copy()
+    scaled[:, :3, 3] *= unit
+    return scaled

@@ -1,1 +1,0 @@
-"""One fixed place for several people."""

@@ -1,1 +1,0 @@
-"""Problems as TOML files."""

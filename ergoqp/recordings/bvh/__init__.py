@@ -1,1 +1,0 @@
-"""Biovision hierarchy files (.bvh)."""

@@ -1,1 +1,0 @@
-"""Fit of a body's posture to joint centres."""

@@ -1,1 +1,0 @@
-"""Joint centres from markers on the skin."""

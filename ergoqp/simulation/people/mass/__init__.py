@@ -1,1 +1,0 @@
-"""People with mass: they stand or sit by contact alone, and hold the object with a soft grasp."""

@@ -1,1 +1,0 @@
-"""The fault watch: differences between what the robot did and what it was sent."""

@@ -1,1 +1,0 @@
-"""Studies of the EPFL report: the forearm, and the learned policy."""

@@ -1,0 +1,5 @@
+"""Run ``python -m tools.fuzz``."""
+
+from tools.fuzz.fuzz import main
+
+main()

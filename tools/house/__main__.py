@@ -1,0 +1,5 @@
+"""Run ``python -m tools.house``."""
+
+from tools.house.house import main
+
+main()

@@ -1,0 +1,5 @@
+"""Run ``python -m tools.mutants``."""
+
+from tools.mutants.mutants import main
+
+main()

@@ -1,0 +1,1 @@
+"""Links and accessibility of the site."""
