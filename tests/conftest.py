@@ -13,8 +13,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-BUDGET = 3.0
-"""A test that takes longer has to be marked as slow [s of CPU]; what takes 1 s should be, too."""
+BUDGET = 5.0
+"""A test that takes longer has to be marked as slow [s of CPU]; what takes 1 s should be, too.
+
+The same test takes up to three times as long on a machine that is busy or slow."""
 
 
 @pytest.hookimpl(wrapper=True)

@@ -271,7 +271,7 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
         problem: the task; its response is the assumption about an unknown person.
         rests: `Resting`s, or pairs of a posture (32,) [rad] and a pose (4, 4) [m]; NaN stands for a
             joint that was not seen. Or a loop, in which rests and the delay of the person are
-            found: an `ergoqp.Run`, the folder of one, or the log of a stepper.
+            found: an `ergoqp.simulation.run.Run`, the folder of one, or the log of a stepper.
         longest: time after which no further step is taken [s].
 
     Raises:

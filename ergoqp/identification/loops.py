@@ -169,7 +169,7 @@ def watched(given: Any, frames: Frames | None = None) -> LoopLog | None:
     """Return the loop in what a user gives, None if it is not a loop.
 
     Args:
-        given: an `ergoqp.Run`, the folder of one, or the entries of a stepper's log.
+        given: an `ergoqp.simulation.run.Run`, the folder of one, or the entries of a stepper's log.
         frames: what the poses of a log are reported in. None: as they are.
 
     Raises:

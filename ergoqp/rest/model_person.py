@@ -216,13 +216,13 @@ class ModelPerson(Person):
 
     def hold(
         self, posture: np.ndarray, senses: SensorModel | None = None, seed: int = 0
-    ) -> AlikeHolding:
+    ) -> ModelHolding:
         """Return the person holding the object in a posture (32,) [rad]. The seed has no effect."""
         return self.holding(self.start_at(posture), senses)
 
-    def holding(self, start: Start, senses: SensorModel | None = None) -> AlikeHolding:
+    def holding(self, start: Start, senses: SensorModel | None = None) -> ModelHolding:
         """Return the person holding the object as at a start."""
-        return AlikeHolding(self, start, senses or self.senses)
+        return ModelHolding(self, start, senses or self.senses)
 
     def start_at(self, posture: np.ndarray, pose: np.ndarray | None = None) -> Start:
         """Return the start with the person holding the object in a posture (32,) [rad].
@@ -295,7 +295,7 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Mode
     return ModelPerson(replace(response, body=body or Body.of_stature(stature), weights=weights))
 
 
-class AlikeHolding(Holding[ModelPerson]):
+class ModelHolding(Holding[ModelPerson]):
     """The state of a person of the kind `alike` who holds the object.
 
     Args:

@@ -16,6 +16,7 @@ import ergoqp
 from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
+from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.causes import Status
@@ -29,7 +30,7 @@ pytestmark = [
 
 
 @cache
-def task() -> tuple[Problem, np.ndarray, ergoqp.Optimum]:
+def task() -> tuple[Problem, np.ndarray, Optimum]:
     """A problem, a posture from which descent alone stays at a worse place, and a better one."""
     problem = ergoqp.load_problem("desk")
     posture = problem.response.comfort.copy()  # type: ignore[attr-defined]

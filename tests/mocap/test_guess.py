@@ -139,6 +139,7 @@ def test_names_are_written_as_they_are_or_as_toml_has_them() -> None:
     ]
 
 
+@pytest.mark.slow
 @settings(deadline=2000, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(names=st.lists(st.text(max_size=12), max_size=6))
 def test_no_name_breaks_the_template(names: list[str], tmp_path: Path) -> None:
