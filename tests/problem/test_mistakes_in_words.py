@@ -197,6 +197,13 @@ def test_an_unusual_number_names_the_unit_it_may_be_in() -> None:
     assert "upper: got 40000, usual are -3 to 3 m; if it is" in said_of(IK + far)
 
 
+@pytest.mark.parametrize("table", ["workspace", "tool_axis", "arm_length"])
+@pytest.mark.parametrize("key", ["tolerance", "recovery_time"])
+def test_a_file_cannot_change_what_counts_as_inside(table: str, key: str) -> None:
+    said = said_of(f"{IK}[limits.{table}]\n{key} = 0.5")
+    assert f"limits.{table}.{key}: got a key that is not known" in said
+
+
 def test_a_required_key_that_is_misspelled_is_one_mistake() -> None:
     cone = "[limits.tool_axis]\ndirection = [1, 0, 0]\nhalf_angle = 0.52"
     assert said_of(IK + cone) == (

@@ -3,8 +3,6 @@ done about them is said."""
 
 from __future__ import annotations
 
-from itertools import cycle
-
 import numpy as np
 import pytest
 from marker_takes import (
@@ -83,11 +81,12 @@ def test_of_what_moves_as_one_it_is_said(name: str) -> None:
 RIGID = ("ASI", "PSI", "FHD", "BHD", "SHO", "ELB", "WRA", "WRB", "KNE", "ANK", "THI")
 
 
-PAIRS = ("LASI RASI", "LASI LPSI", "LPSI RPSI", "C7 T10", "CLAV STRN", "LFHD RBHD", "LFHD RFHD")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("pair", "rows"), [*zip(PAIRS, cycle([WALKS, STOOPS]))])
+@pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
+@pytest.mark.parametrize(
+    "pair",
+    ["LASI RASI", "LASI LPSI", "LPSI RPSI", "C7 T10", "CLAV STRN", "LFHD RBHD", "LFHD RFHD"],
+)
 def test_two_of_what_moves_as_one_are_exchanged(pair: str, rows: slice) -> None:
     recording = read(exchanged(*pair.split(), rows))
     assert worst(recording) < OFF
@@ -112,10 +111,8 @@ def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "rows"),
-    [*zip(["WRA", "ANK", "KNE", "ELB", "SHO", "THI", "TOE", "WRA", "ANK"], cycle([WALKS, STOOPS]))],
-)
+@pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
+@pytest.mark.parametrize("name", ["WRA", "ANK", "KNE", "ELB", "SHO", "THI", "TOE"])
 def test_left_and_right_are_exchanged(name: str, rows: slice) -> None:
     recording = read(exchanged(f"L{name}", f"R{name}", rows))
     assert worst(recording) < OFF
@@ -140,11 +137,9 @@ def test_whole_limbs_are_exchanged(limb: str, rows: slice) -> None:
 FALLING = ("LASI", "RPSI", "C7", "STRN", "RFHD", "RSHO", "RELB", "RWRA", "RTHI", "RKNE", "RANK")
 
 
-# Each in the walk or in the stoop: what is done does not depend on the name.
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "when"), [*zip([*FALLING, "RTOE", "RFIN", "RUPA", "RTIB"], cycle([180, 420]))]
-)
+@pytest.mark.parametrize("name", [*FALLING, "RTOE", "RFIN", "RUPA", "RTIB"])
+@pytest.mark.parametrize("when", [180, 420])
 def test_a_marker_comes_off_and_stays_on_the_floor(name: str, when: int) -> None:
     recording = read(fallen(name, when))
     assert worst(recording) < OFF
