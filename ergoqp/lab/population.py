@@ -135,6 +135,8 @@ def best_of_population(
         ('1.60 m', True)
     """
     calls = [(label, problem, starts, seed, jobs, mode, solver) for label, problem in people]
+    if progress is not None:
+        progress(0.0)
     if scheduler is None:
         return in_order(_found, calls, progress=progress)
     found: dict[int, Found] = {}

@@ -104,4 +104,4 @@ def test_everybody_has_their_own_best_place_and_who_has_none_says_why(screwing):
     assert "(40 out of reach)" in small.note
     assert tall.optimum.response.body.stature == 1.9
     assert 1 <= tall.starts_at_best <= 2
-    assert shares == [0.5, 1.0]
+    assert shares == [0.0, 0.5, 1.0]
