@@ -71,7 +71,8 @@ def check_free(kind: str, names: Iterable[str]) -> None:
     Raises:
         InputError: if one is registered. The message names the distribution.
     """
-    for name in sorted(set(names) & set(registered(kind))):
+    used = set(names)
+    for name in sorted(used & set(registered(kind) if used else ())):
         raise InputError(
             f"{kind} {name}: got an entry point of {_distributions(_found(kind, name))}, allowed"
             " any name but one of ergoqp's own"

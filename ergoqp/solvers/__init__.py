@@ -6,7 +6,7 @@ The control step and the comparison use the same names. A new solver needs a fil
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -77,7 +77,7 @@ def solver_named(name: str) -> QpSolver:
         >>> solver_named("qpoases").name
         'qpoases'
     """
-    own, more = registered("solver"), ()
+    more: Sequence[str] = ()
     if isinstance(name, str):
         if name in SOLVERS:
             check_free("solver", [name])
@@ -90,9 +90,9 @@ def solver_named(name: str) -> QpSolver:
 
                 check_free("solver", [name])
                 return _made(Offered, name, name)
-        if name in own:
+        if name in registered("solver"):
             return _own(name)
-    names = dict.fromkeys([*SOLVERS, *more, *own])
+    names = dict.fromkeys([*SOLVERS, *more, *registered("solver")])
     raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(names)}")
 
 

@@ -317,8 +317,9 @@ def _shorten_function(model: StepModel) -> ca.Function:
     problem, sx = model.problem, model.symbols(_LANDED)
     S = model.sparse(sx["S"])
     context = model.context(sx, S)
-    at_braking = _margins(model, sx, S, sx["brake"], sx["dt"])
-    floor = _floor(model, sx["now"] - sx["doubted"], at_braking)
+    planned = ca.SX.sym("planned", 6)
+    margins = _margins(model, sx, S, planned, sx["dt"])
+    floor = _floor(model, sx["now"] - sx["doubted"], ca.substitute(margins, planned, sx["brake"]))
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
     candidates = [candidate * ca.DM.ones(6) for candidate in _SHARES]
     if problem.surface is None:
@@ -327,7 +328,7 @@ def _shorten_function(model: StepModel) -> ca.Function:
     for candidate in reversed(candidates):
         shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
         twist = _kept(problem, context, shorter, sx["dt"])
-        holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
+        holds = is_set(smallest(ca.substitute(margins, planned, twist) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
     return sx.function("shorten", {"share": shares})
 

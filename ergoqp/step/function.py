@@ -27,7 +27,8 @@ from ergoqp.expressions import (
     vectors,
 )
 from ergoqp.problem.problem import Problem
-from ergoqp.solvers import QpSolver, read_solver, solver_named
+from ergoqp.solvers import QpSolver, read_solver
+from ergoqp.solvers.daqp import Daqp
 from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import amiss, judge_function, shortened
@@ -286,7 +287,7 @@ def step_function(
     chosen = read_solver(solver)
     if not compiled:
         return build_step(problem, chosen, guided=guided)
-    if chosen is not solver_named("daqp"):
+    if type(chosen) is not Daqp:
         raise InputError(f"compiled: got the solver {shown(solver)}, allowed only 'daqp'")
     if found := callers(problem):
         raise InputError(

@@ -22,7 +22,8 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.validate import PERIODS, slowest
-from ergoqp.solvers import QpSolver, read_solver, solver_named
+from ergoqp.solvers import QpSolver, read_solver
+from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause, Fault, Status
@@ -209,7 +210,7 @@ class Stepper:
         self._call, self._given = evaluator.evaluate, evaluator.given
         # The slice of each input, and of each part of the state within the state.
         self._inputs, self._at, self._parts = evaluator.inputs, evaluator.places, self._model.places
-        if self._solver is not solver_named("daqp"):
+        if type(self._solver) is not Daqp:
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
         spare = function

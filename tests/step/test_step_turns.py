@@ -4,6 +4,7 @@ the true way."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -73,17 +74,25 @@ class Believed:
         self.after = ca.Function("after", [history, twist, sent, still, dt], [after])
 
 
-def margins(cone: AxisCone, pose: np.ndarray, displacement: np.ndarray, **given: object) -> float:
-    """The cone's margin on the way to a displacement (6,) of an object that nobody works on."""
+@cache
+def margin_function(cone: AxisCone, sizes: tuple[tuple[str, int], ...]) -> ca.Function:
+    """``(pose, displacement, *given) -> the cone's margin`` of an object that nobody works on."""
     nobody = {
         name: ca.SX(*SIZES[name])
         for name in ("posture", "observed", "sensitivity", "stop_displacement", "change")
     }
-    numbers = {name: ca.SX(ca.DM(value)) for name, value in given.items()}
-    found = cone.margins(
-        LimitContext(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement))
-    )
-    return float(ca.evalf(found))
+    pose, displacement = ca.SX.sym("pose", 4, 4), ca.SX.sym("displacement", 6)
+    given = {name: ca.SX.sym(name, size) for name, size in sizes}
+    found = cone.margins(LimitContext(**nobody, pose=pose, **given), displacement)
+    return ca.Function("margin", [pose, displacement, *given.values()], [found])
+
+
+def margins(
+    cone: AxisCone, pose: np.ndarray, displacement: np.ndarray, **given: np.ndarray | float
+) -> float:
+    """The cone's margin on the way to a displacement (6,) of an object that nobody works on."""
+    sizes = tuple((name, np.size(value)) for name, value in given.items())
+    return float(margin_function(cone, sizes)(pose, displacement, *given.values()))
 
 
 def tilted(rng: np.random.Generator, least: float, most: float) -> np.ndarray:
