@@ -30,12 +30,12 @@ check: $(VENV)/.tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/python -m benchmarks.house --check
+	$(BIN)/python -m tools.house --check
 
 docs: $(VENV)/.tests
 	rm -rf out/site
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d out/doctrees docs out/site
-	$(BIN)/python -m benchmarks.site --check
+	$(BIN)/python -m tools.site --check
 	@echo "The site is in $(abspath out/site)/index.html"
 
 bench: $(VENV)/.tests
@@ -47,7 +47,7 @@ bench: $(VENV)/.tests
 	done
 
 mutants: $(VENV)/.tests
-	$(BIN)/python -m benchmarks.mutants --full
+	$(BIN)/python -m tools.mutants --full
 
 clean:
 	rm -rf $(VENV) out

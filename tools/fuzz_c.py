@@ -1,6 +1,6 @@
 """A fuzz of the exported step in C, with the sanitizers of addresses and undefined behaviour.
 
-Run ``python -m benchmarks.fuzz_c [--quick | --full] [--json FILE]``; ``--full`` takes ten minutes
+Run ``python -m tools.fuzz_c [--quick | --full] [--json FILE]``; ``--full`` takes ten minutes
 for each of two exports. ``tools/fuzz_c.c`` turns bytes into calls of the whole interface with
 wrong, late and hostile arguments, and judges every answer: finite, within speed and acceleration,
 status and causes that agree, the same answer to the same call, and a stop that is what braking

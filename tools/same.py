@@ -1,6 +1,6 @@
 """Whether the step answers as it did at an earlier commit, to the last bit.
 
-Run ``python -m benchmarks.same --before COMMIT [--full]``.
+Run ``python -m tools.same --before COMMIT [--full]``.
 
 The earlier commit is checked out beside this one as a worktree. Its step makes recordings for every
 problem of ``problems/``: random walks with noise, unseen angles, lost poses, late frames, periods

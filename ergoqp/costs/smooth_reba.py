@@ -24,13 +24,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Final, TypeVar, Unpack, cast
+from typing import Annotated, Final, TypeVar, Unpack, cast
 
 import casadi as ca
 import numpy as np
+from annotated_types import Len
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import are_shares, shown
+from ergoqp.arguments import Range, are_shares, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
@@ -46,6 +47,9 @@ from ergoqp.sheets.options import (
     read_task,
     sheet_of,
 )
+
+_TAU: Final = Range(1e-3, 180.0, "deg", (0.1, 45.0))
+"""What the scale of a noise may be."""
 
 _WIDEST: Final = 9.0
 """Largest angle at which the exponential form has a gradient [rad].
@@ -223,8 +227,8 @@ class SmoothReba:
 
     def __init__(
         self,
-        taus_deg: Sequence[float] = (1.5, 12.0),
-        weights: Sequence[float] = (0.8, 0.2),
+        taus_deg: Annotated[Sequence[Annotated[float, _TAU]], Len(1)] = (1.5, 12.0),
+        weights: Annotated[Sequence[Annotated[float, Range(0.0, 1.0)]], Len(1)] = (0.8, 0.2),
         method: Method | None = None,
         **task: Unpack[TaskOptions],
     ) -> None:
@@ -374,8 +378,12 @@ def _mixture(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     taus = np.atleast_1d(np.asarray(taus_deg, float))
     shares = np.atleast_1d(np.asarray(weights, float))
-    if taus.ndim != 1 or not taus.size or not ((taus >= 1e-3) & (taus <= 180)).all():
-        raise InputError(f"taus_deg: got {shown(taus_deg)}, allowed: scales from 0.001 to 180 deg")
+    within = (taus >= _TAU.low) & (taus <= _TAU.high)
+    if taus.ndim != 1 or not taus.size or not within.all():
+        raise InputError(
+            f"taus_deg: got {shown(taus_deg)}, allowed: scales from {_TAU.low:g} to"
+            f" {_TAU.high:g} deg"
+        )
     if not are_shares(shares, taus.size):
         raise InputError(
             f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative,"

@@ -26,6 +26,10 @@ Example:
 """
 
 
+Speed = Annotated[float, Range(1e-9, 1e6, "m/s", (0.005, 1.0))]
+Acceleration = Annotated[float, Range(1e-9, 1e6, "m/s^2", (0.02, 5.0))]
+
+
 @dataclass(frozen=True)
 class TwistLimit:
     """Largest speed, largest acceleration and allowed axes of the object, each axis by itself.
@@ -53,9 +57,9 @@ class TwistLimit:
         [0.1, 0.1, 0.1, 0.0, 0.0, 0.0]
     """
 
-    linear_speed: Annotated[float, Range(1e-9, 1e6, "m/s", (0.005, 1.0))] = 0.20
+    linear_speed: Speed = 0.20
     angular_speed: Annotated[float, Range(1e-9, 1e6, "rad/s", (0.02, 4.0))] = 0.80
-    linear_acceleration: Annotated[float, Range(1e-9, 1e6, "m/s^2", (0.02, 5.0))] = 0.60
+    linear_acceleration: Acceleration = 0.60
     angular_acceleration: Annotated[float, Range(1e-9, 1e6, "rad/s^2", (0.05, 20.0))] = 2.50
     axes: tuple[str, ...] = AXES
     aside: Annotated[float, Range(0.0, 1e3, "m/s^2")] = 0.0

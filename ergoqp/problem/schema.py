@@ -36,6 +36,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from ergoqp.arguments import Range, shown
+from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, in_words
 from ergoqp.human.body import STATURE_RANGE
 from ergoqp.limits import (
@@ -50,12 +51,13 @@ from ergoqp.limits import (
     TwistLimit,
     WorkspaceBox,
 )
+from ergoqp.limits.twist_and_stopping import Acceleration, Speed
 from ergoqp.problem.messages import as_list, as_tuple, full_keys, given_tables, keys_of, listing
 from ergoqp.problem.settings import Control, DeclaredRobot, Frames
 from ergoqp.problem.validate import PERIODS, check_response
 from ergoqp.registry import check_free, own_term, registered
 from ergoqp.responses import IkResponse
-from ergoqp.sheets.reba import Method
+from ergoqp.sheets.options import DEFAULTS, Method, TaskOptions
 
 
 class Table(BaseModel):
@@ -69,7 +71,7 @@ def given(table: BaseModel) -> dict[str, Any]:
     return table.model_dump(by_alias=True, exclude_unset=True)
 
 
-_CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
+_CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Mapping)
 
 
 def as_in_files(hint: Any) -> Any:
@@ -89,12 +91,14 @@ def as_in_files(hint: Any) -> Any:
         return Annotated[Any, BeforeValidator(_as_array)]
     if kind is Path:
         return Annotated[Path, BeforeValidator(_as_path)]
+    if kind in _CONTAINERS and parts:
+        return kind[parts]
+    if kind is Sequence and parts:
+        kind, parts = tuple, (*parts, ...)
     if kind is tuple:
         return Annotated[tuple[parts] if parts else tuple, BeforeValidator(as_tuple)]
     if kind in (Union, UnionType):
         return Union[parts]  # noqa: UP007  # of types that are known only now
-    if kind in _CONTAINERS and parts:
-        return kind[parts]
     return hint
 
 
@@ -202,7 +206,6 @@ def _tables(name: str, base: type[Table], **tables: Any) -> Any:
 
 
 Side = Literal["right", "left"]
-Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
 def _one_person(response: Table) -> Table:
@@ -236,15 +239,6 @@ ResponseTable: Any = _tables(
 """Exactly one response."""
 
 
-def _smooth_reba(
-    taus_deg: Annotated[
-        tuple[Annotated[float, Range(1e-3, 180.0, "deg", (0.1, 45.0))], ...], Len(1)
-    ] = (),
-    weights: Annotated[tuple[Annotated[float, Range(0.0, 1.0)], ...], Len(1)] = (),
-) -> None:
-    """Have the parameters of `ergoqp.costs.smooth_reba.SmoothReba` that a file states here."""
-
-
 def _learned(model: str) -> None:
     """Have the file of a learned cost."""
 
@@ -252,30 +246,26 @@ def _learned(model: str) -> None:
 CostTable: Any = _tables(
     "CostTable",
     _AtMostOne,
-    smooth_reba=table_of("smooth_reba", _smooth_reba),
+    smooth_reba=table_of("smooth_reba", SmoothReba, ["method", "task"]),
     learned=table_of("learned", _learned),
 )
 """At most one cost. Default: the smooth REBA score."""
 
+_TASK: Final[dict[str, Any]] = {
+    name: (as_in_files(hint), DEFAULTS[name])
+    for name, hint in get_type_hints(TaskOptions, include_extras=True).items()
+    if name != "seated"
+}
 TaskTable: Any = create_model(
     "TaskTable",
     __base__=Table,
-    load_kg=(Annotated[float, Range(0.0, unit="kg", usual=(0.0, 50.0))], 0.0),
-    shock=(bool, False),
-    coupling=(Annotated[int, Field(ge=0, le=3)], 0),
-    activity=(Annotated[int, Field(ge=0, le=3)], 0),
-    one_leg=(bool, False),
-    arm_supported=(Pair, (False, False)),
-    shoulder_raised=(Pair, (False, False)),
+    **_TASK,
     method=(table_of("method", Method), table_of("method", Method)()),
 )
 """What joint angles cannot tell. The stance says whether the person sits."""
 
 
-def point_speed(
-    speed: Annotated[float, Range(1e-9, 1e6, "m/s", (0.005, 1.0))] = 0.15,
-    acceleration: Annotated[float, Range(1e-9, 1e6, "m/s^2", (0.02, 5.0))] = 1.5,
-) -> TwistLimit:
+def point_speed(speed: Speed = 0.15, acceleration: Acceleration = 1.5) -> TwistLimit:
     """Return the bounds on the velocities of two points, the same for all axes."""
     return TwistLimit(speed, speed, acceleration, acceleration)
 

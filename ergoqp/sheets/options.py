@@ -199,6 +199,9 @@ def sheet_of(method: Method) -> Sheet:
 
 Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 
+_LOAD: Final = Range(0.0, unit="kg", usual=(0.0, 50.0))
+_COUPLING, _ACTIVITY = (Range(0, _DESCRIPTION["points"][name]) for name in ("coupling", "activity"))
+
 
 class TaskOptions(TypedDict, total=False):
     """The options of a task as keywords, one value for all postures.
@@ -212,10 +215,10 @@ class TaskOptions(TypedDict, total=False):
         3.0
     """
 
-    load_kg: float
+    load_kg: Annotated[float, _LOAD]
     shock: bool
-    coupling: int
-    activity: int
+    coupling: Annotated[int, _COUPLING]
+    activity: Annotated[int, _ACTIVITY]
     seated: bool
     one_leg: bool
     arm_supported: tuple[bool, bool]
@@ -290,9 +293,12 @@ def read_task(sheet: Sheet, count: int | None, options: Mapping[str, Any]) -> Ta
         raise TypeError(f"task: got {shown(unknown[0])}, allowed {', '.join(DEFAULTS)}")
     given = {**DEFAULTS, **options}
     load = _numbers("load_kg", given["load_kg"], count)
-    if not (np.isfinite(load) & (load >= 0)).all():
-        bad = load[~(np.isfinite(load) & (load >= 0))].flat[0]
-        raise InputError(f"load_kg: got {bad:g}, allowed: a finite mass of 0 kg or more")
+    wrong = ~(np.isfinite(load) & (load >= _LOAD.low))
+    if wrong.any():
+        raise InputError(
+            f"load_kg: got {load[wrong].flat[0]:g}, allowed: a finite mass of {_LOAD.low:g} kg or"
+            " more"
+        )
     shocks = _flags("shock", given["shock"], count)
     points = {"load": (sheet.load.score(load) + sheet.shock * shocks).astype(np.int8)}
     for name in ("coupling", "activity"):

@@ -1,4 +1,4 @@
-"""A few seconds of the fuzz of the exported step; ``python -m benchmarks.fuzz_c --full`` runs for
+"""A few seconds of the fuzz of the exported step; ``python -m tools.fuzz_c --full`` runs for
 longer."""
 
 from __future__ import annotations

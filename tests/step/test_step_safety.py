@@ -1,4 +1,4 @@
-"""Whatever comes in, a safe twist comes out: a small, shrinking version of ``benchmarks.fuzz``."""
+"""Whatever comes in, a safe twist comes out: a small, shrinking version of ``tools.fuzz``."""
 
 from __future__ import annotations
 

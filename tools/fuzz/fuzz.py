@@ -1,6 +1,6 @@
 """Whatever comes in, a safe twist comes out, with a reason that names the cause.
 
-Run ``python -m benchmarks.fuzz``. Parts in other files of this folder are named like `inputs`.
+Run ``python -m tools.fuzz``. Parts in other files of this folder are named like `inputs`.
 
 Random sequences alternate between sane trajectories (the model person follows, with noise) and
 attacks (`inputs`): on the five problems, and on random ones with other people, boxes without

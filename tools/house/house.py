@@ -1,6 +1,6 @@
 """The shape of the package: circles, climbs, and how far one goes to follow a problem into a step.
 
-Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for circles,
+Run ``python -m tools.house [--quick | --full] [--json FILE]``, or ``--check`` for circles,
 climbs and long lines alone, as ``make check`` does. Imports within functions and for types alone
 are counted like all others, and so is every text that names a module, in a file that imports by
 text (``import_module``); the facade ``ergoqp/__init__.py``, which names what there is and imports

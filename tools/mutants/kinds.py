@@ -1,4 +1,4 @@
-"""Small mistakes in the code, one at a time, that `benchmarks.mutants` tries to hide from tests.
+"""Small mistakes in the code, one at a time, that `tools.mutants` tries to hide from tests.
 
 Most kinds are those of cosmic-ray: an operator or a comparison exchanged, a number one more or
 less, a condition turned round, a loop that never runs, a decorator gone, an exception not caught.

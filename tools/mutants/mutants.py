@@ -1,6 +1,6 @@
 """Whether the tests notice mistakes in what the safety rests on, put in and tested one at a time.
 
-Run ``python -m benchmarks.mutants [--quick | --full] [--since COMMIT] [--keep FOLDER] [--json
+Run ``python -m tools.mutants [--quick | --full] [--since COMMIT] [--keep FOLDER] [--json
 FILE]``, or ``make mutants``. A sample of the mistakes of `tools.mutants.kinds`, the same from
 run to run, is put into copies of the project: the control step, the limits, the rest, the frames,
 the layout of the exported step, the sheet with its data, and the checker. With ``--since`` they are

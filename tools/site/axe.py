@@ -33,7 +33,7 @@ def serious_of(pages: Sequence[Path], say: Callable[[str], None]) -> int:
     names = ("chromium", "chromium-browser", "google-chrome")
     chromium = next((found for name in names if (found := shutil.which(name))), None)
     if chromium is None:
-        raise SystemExit("benchmarks.site: found no Chromium, which axe-core runs in")
+        raise SystemExit("tools.site: found no Chromium, which axe-core runs in")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
         found = [

@@ -1,6 +1,6 @@
 """The site: whether every page is reached, opens without a network, and can be used by everybody.
 
-Run ``python -m benchmarks.site [--quick | --full] [--json FILE]`` after ``make docs``, or
+Run ``python -m tools.site [--quick | --full] [--json FILE]`` after ``make docs``, or
 ``--check`` for the first four figures alone, as ``make docs`` does itself.
 
 - ``pages``: HTML pages of the site. Listings of source code, the index and the search page are
@@ -160,9 +160,7 @@ def judge(report: Report | None = None, folder: Path = SITE) -> list[str]:
     """Return what is wrong with the links of the site, as sentences; give a report its figures."""
     first = folder / "index.html"
     if not first.is_file():
-        raise SystemExit(
-            f"benchmarks.site: got no {first.name} in out/site, allowed: after make docs"
-        )
+        raise SystemExit(f"tools.site: got no {first.name} in out/site, allowed: after make docs")
     pages = read_site(folder)
     away = clicks(pages, first)
     lost = [
