@@ -439,7 +439,7 @@ class WayOut:
             if not isinstance(limit.region, Box):
                 # Along the other axes the object stays where it is.
                 out = ca.DM(moves) * _outward(limit.region, place)
-                away.append(out / (ca.norm_2(out) + _ROUNDING))
+                away.append(out / ca.fmax(ca.norm_2(out), _ROUNDING))
         directions = ca.horzcat(*away)
         given = [ca.repmat(part, 1, len(away)) for part in (place, back, within, behind)]
         lengths = self._length.map(len(away))(directions, *given)[0]

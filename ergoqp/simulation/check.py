@@ -1,19 +1,14 @@
 """The independent checker: it checks every limit again in plain numpy.
 
-How far an object in a region to keep out of is from a place outside, in plain numpy.
-
-It shares no code with the step, which leads the object out by `ergoqp.limits.keep_out`. That file
+It shares no code with the step, and uses only what was sent and measured. It checks every twist
+against speed, acceleration and axes; the pose of the object after each period against workspace and
+cone; the predicted posture of the model person against joint ranges and rates and against the
+boundary of the data; elbow and wrist against the length of the forearm; and the contact point
+against regions to keep out of. Limits and regions of the user's own are checked by the distances
+that they declare, because nothing else is known of them. An object that is outside may only move
+inward, and an object that is inside must stay inside: the pose is never further out than at its
+nearest so far. In a region to keep out of, "inward" is along a way out, as `ergoqp.limits.keep_out`
 says what a way is.
-
-It uses only what was sent and measured.
-
-It shares no code with the step. It checks every twist against speed, acceleration and axes;
-the pose of the object after each period against workspace and cone; the predicted posture of
-the model person against joint ranges and rates and against the boundary of the data; elbow and
-wrist against the length of the forearm; and the contact point against regions to keep out of.
-Limits and regions of the user's own are checked by the distances that they declare, because
-nothing else is known of them. An object that is outside may only move inward, and an object
-that is inside must stay inside: the pose is never further out than at its nearest so far.
 """
 
 from __future__ import annotations

@@ -167,6 +167,29 @@ def test_a_place_within_the_tolerance_of_the_workspace_is_inside(
     assert (Ways(problem).length(pose[:3, 3]) > 0) == needed
 
 
+def lengths(problem: Problem, place: Any) -> tuple[float, float]:
+    """The length of the way out that the step finds, and the one that the checker finds [m]."""
+    assert problem.way_out is not None
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    told = np.array(problem.way_out.function(pose)).ravel()
+    return np.inf if told[4] else told[3], Ways(problem).length(pose[:3, 3])
+
+
+def test_without_a_workspace_a_way_leads_anywhere() -> None:
+    problem = scene([Ball((5.0, -4.0, 3.0), 0.2)], None)
+    np.testing.assert_allclose(lengths(problem, (5.0, -4.0, 2.97)), 0.17, atol=1e-9)
+
+
+def test_a_way_may_graze_another_region_as_deep_as_counts_as_outside() -> None:
+    """Half a tolerance deep it counts; two tolerances deep the way leads aside."""
+    inner = Box((0.3, 0.4, 0.3), (0.5, 0.7, 0.7))
+    for depth, expected in ((5e-7, 0.05), (2e-6, 0.05 * np.sqrt(2))):
+        beside = Box((0.46, 0.2, 0.3), (0.48, 0.5 + depth, 0.7))
+        found = lengths(scene([inner, beside]), (0.45, 0.5, 0.5))
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
 EDGE = Box((0.0, 0.3, 0.3), (0.1, 0.7, 0.7))
 SIDE = Box((-0.05, 0.2, 0.2), (0.05, 0.8, 0.8))
 PAIR = [Box((0.3, 0.3, 0.3), (0.55, 0.7, 0.7)), Box((0.45, 0.3, 0.3), (0.7, 0.7, 0.7))]
@@ -352,7 +375,7 @@ def test_outside_of_all_regions_nothing_is_led() -> None:
 @pytest.mark.slow
 def test_step_and_checker_find_the_same_length_of_the_way() -> None:
     """Two codes that share nothing, inside the workspace and outside, for some or all axes."""
-    rng, pose, found = np.random.default_rng(5), np.eye(4), []
+    rng, found = np.random.default_rng(5), []
     while len(found) < 600:
         made = random_scene(rng)
         axes = tuple(axis for axis in "xyz" if rng.random() < 0.4) or ("y",)
@@ -360,14 +383,14 @@ def test_step_and_checker_find_the_same_length_of_the_way() -> None:
             problem = scene(made[0] if made else [EDGE], axes=axes)
         except ProblemError:  # nothing is left of the workspace
             continue
-        way_of, checked = problem.way_out, Ways(problem)
-        if way_of is None:  # no axis of the object leads out
+        if problem.way_out is None:  # no axis of the object leads out
             continue
-        for place in rng.uniform(-0.4, 1.4, (40, 3)):
-            pose[:3, 3] = place
-            told = np.array(way_of.function(pose)).ravel()
-            length = np.inf if told[4] else told[3]
-            assert length == pytest.approx(checked.length(place), abs=1e-6)
+        # Few places drawn anywhere are in a ball, where the nearest point may be the way out.
+        balls = [each for each in (made[0] if made else []) if isinstance(each, Ball)]
+        inside = [each.centre + each.radius * rng.uniform(-0.5, 0.5, (10, 3)) for each in balls]
+        for place in np.concatenate([rng.uniform(-0.4, 1.4, (40, 3)), *inside]):
+            length, checked = lengths(problem, place)
+            assert length == pytest.approx(checked, abs=1e-6)
             found.append(length)
     kinds = [sum(np.isinf(found)), sum(np.array(found) == 0), sum(np.isfinite(found))]
     assert min(kinds) > 15

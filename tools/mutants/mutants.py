@@ -90,9 +90,8 @@ PINNED: Final = "tests/step/test_pinned.py"
 READS: Final = {
     "ergoqp/sheets/reba.toml": "ergoqp/sheets/assessment.py",
     "ergoqp/sheets/interval.toml": "ergoqp/sheets/interval.py",
-    "ergoqp/step/causes.py": "ergoqp/step/answer.py",
 }
-"""Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""
+"""Code that uses a file of data: the tests that run it judge the file."""
 
 BUDGET: Final = 120.0
 """How long the tests of one mutant may take, by what they take without [s]."""
