@@ -78,6 +78,17 @@ class SteepStairs(Upright):
         return 1 + 40 * bent**2 + 0.05 * (bent > 0.06)
 
 
+class JumpAtATop(Upright):
+    """A small jump where the slope of the cost is zero and changes evenly."""
+
+    def expression(self, q: Any) -> Any:
+        return 10 + 5 * ca.cos(8 * (q[TRUNK] - 0.4)) + ca.if_else(q[TRUNK] > 0.4, 0.05, 0)
+
+    def __call__(self, postures: Any) -> np.ndarray:
+        bent = np.atleast_2d(postures)[:, TRUNK]
+        return 10 + 5 * np.cos(8 * (bent - 0.4)) + 0.05 * (bent > 0.4)
+
+
 class Kink(Upright):
     def expression(self, q: Any) -> Any:
         return 1 + ca.fmax(0, q[TRUNK] - 0.3)
@@ -127,6 +138,7 @@ def test_a_cost_that_is_what_it_says_is_taken(base: Problem, cost: Any) -> None:
         (OneNorm(), r"got a slope of upright that jumps at .* -?[\d.e-]+ deg"),
         (Stairs(), "got a jump of upright by 4"),
         (SteepStairs(), "got a jump of upright by 0.05"),
+        (JumpAtATop(), "got a jump of upright by 0.05"),
         (Kink(), "got a slope of upright that jumps at trunk flexion 17.2 deg, allowed"),
         (Edge(), "got NaN or infinity from the expression of upright"),
     ],
