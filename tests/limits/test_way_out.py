@@ -190,6 +190,17 @@ def test_a_way_may_graze_another_region_as_deep_as_counts_as_outside() -> None:
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
+def test_a_way_leads_no_nearer_to_an_end_of_the_workspace_than_the_object_can_rest() -> None:
+    """1 mm, and what a mean that rises for one period more needs."""
+    lasts = 3 * DT
+    room = 1e-3 + 1.0 * (lasts * DT + lasts**2 / 8)
+    for end in (1 - room - 1e-4, 1 - room + 1e-4):
+        problem = scene([Box((0.3, 0.2, 0.2), (end, 0.8, 0.8))], axes=("x",))
+        assert problem.average > 0
+        expected = 0.1 if end < 1 - room else end - 0.1 - 0.3
+        np.testing.assert_allclose(lengths(problem, (end - 0.1, 0.5, 0.5)), expected, atol=1e-9)
+
+
 EDGE = Box((0.0, 0.3, 0.3), (0.1, 0.7, 0.7))
 SIDE = Box((-0.05, 0.2, 0.2), (0.05, 0.8, 0.8))
 PAIR = [Box((0.3, 0.3, 0.3), (0.55, 0.7, 0.7)), Box((0.45, 0.3, 0.3), (0.7, 0.7, 0.7))]
