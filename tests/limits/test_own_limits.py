@@ -265,6 +265,19 @@ def test_a_limit_of_the_posture_is_checked_by_what_it_measures() -> None:
     )
 
 
+def test_a_place_without_a_posture_is_judged_by_limits_of_the_object_alone() -> None:
+    joints = (problem_of("screwing").coordinates.index("right_elbow_flexion"),)
+    problem = walled(0.3)
+    own = problem.replace(limits=[*problem.limits, Elbows(1.0, joints=joints)]).own_limits
+    inside, behind = np.eye(4), np.eye(4)
+    inside[0, 3], behind[0, 3] = 0.4, 0.2
+    straight, bent = np.zeros(32), np.zeros(32)
+    bent[joints[0]] = 1.1
+    assert [own.broken(pose) for pose in (inside, behind)] == ["", "outside wall"]
+    assert [own.broken(inside, posture) for posture in (straight, bent)] == ["outside elbows", ""]
+    assert own.broken(behind, bent) == "outside wall"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("posture", [False, True], ids=["object", "posture"])
 def test_the_optimum_holds_it(posture: bool) -> None:

@@ -201,6 +201,18 @@ def test_a_way_leads_no_nearer_to_an_end_of_the_workspace_than_the_object_can_re
         np.testing.assert_allclose(lengths(problem, (end - 0.1, 0.5, 0.5)), expected, atol=1e-9)
 
 
+@pytest.mark.parametrize(("deep", "needed"), [(0.9, False), (1.1, True)])
+def test_a_place_in_a_region_by_less_than_tolerance_and_noise_is_outside(
+    deep: float, needed: bool
+) -> None:
+    noise = 1e-3
+    problem = scene([Box((0.0, 0.0, 0.0), (0.1, 1.0, 1.0))])
+    problem = problem.replace(robot=DeclaredRobot(pose_noise=noise / np.sqrt(3)))
+    tolerance = problem.limit_of(KeepOut).tolerance
+    found = lengths(problem, (0.1 - deep * (tolerance + noise), 0.5, 0.5))
+    np.testing.assert_allclose(found, deep * (tolerance + noise) if needed else 0.0, atol=1e-9)
+
+
 EDGE = Box((0.0, 0.3, 0.3), (0.1, 0.7, 0.7))
 SIDE = Box((-0.05, 0.2, 0.2), (0.05, 0.8, 0.8))
 PAIR = [Box((0.3, 0.3, 0.3), (0.55, 0.7, 0.7)), Box((0.45, 0.3, 0.3), (0.7, 0.7, 0.7))]

@@ -195,6 +195,21 @@ def test_what_is_not_compared_any_more_ends_by_trying_again(lost: str) -> None:
     assert "braking" not in {step.status for step in steps[50:]}
 
 
+def test_after_trying_again_wrong_frames_are_seen_as_often_as_at_first() -> None:
+    stepper, posture = Stepper(problem_of()), at_work(problem_of())
+    wrong = shifted(contact(problem_of(), posture), 0.7, 0, 0)
+    until = []
+    for _ in range(2):
+        steps = 1
+        while not names(stepper.step(posture, pose=wrong)):
+            steps += 1
+        until.append(steps)
+        stepper.try_again()
+    # The first comparison of all is made at once.
+    all_of_them = round(BEYOND * PERIOD / stepper.dt)
+    assert until[0] < until[1] == all_of_them
+
+
 def test_a_person_who_steps_aside_later_is_doubted_and_not_braked() -> None:
     stepper, posture = stepper_of(), at_work(problem_of())
     stepper.reset()
