@@ -57,8 +57,9 @@ def test_points_of_the_camera_in_the_world() -> None:
     point = np.array([[0.1, 0.2, 2.0]])
     expected = (frames.camera @ np.array([0.1, 0.2, 2.0, 1.0]))[:3]
     np.testing.assert_allclose(frames.from_camera(point), expected[None], atol=1e-12)
-    with pytest.raises(InputError, match=r"points: got .* allowed rows of three numbers"):
-        frames.from_camera([1.0, 2.0])
+    for wrong in ([1.0, 2.0], [1.0, 2.0, 3.0], [[1.0, 2.0]], np.zeros((1, 1, 3)), "here"):
+        with pytest.raises(InputError, match=r"points: got .* allowed rows of three numbers"):
+            frames.from_camera(wrong)
 
 
 def test_a_file_gives_what_python_gives(tmp_path: Path) -> None:
