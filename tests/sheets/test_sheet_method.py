@@ -59,6 +59,7 @@ METHODS = [
     ({"load_ends": "higher"}, "final", {"trunk_flexion": 70, "load_kg": 10}, 3, 4),
     ({"load_ends": "higher"}, "final", {"trunk_flexion": 70, "load_kg": 5}, 3, 3),
     ({"load_low_kg": 8}, "final", {"trunk_flexion": 70, "load_kg": 7}, 3, 2),
+    ({"load_low_kg": 0.4}, "final", {"trunk_flexion": 70, "load_kg": 0.5}, 2, 3),
     ({"load_high_kg": 20}, "final", {"trunk_flexion": 70, "load_kg": 15}, 4, 3),
 ]
 

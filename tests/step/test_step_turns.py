@@ -154,6 +154,26 @@ def test_a_row_of_two_axes_counts_on_no_axis_to_make_up_for_the_other() -> None:
         assert bound == pytest.approx(-0.1 * rate - min(0.045 * rate, 0.002))
 
 
+def test_a_way_gives_a_row_no_more_room_than_it_has_at_the_start() -> None:
+    rng, straight = np.random.default_rng(8), ca.SX.zeros(1)
+    nobody = {
+        name: ca.SX(*SIZES[name])
+        for name in ("posture", "observed", "pose", "sensitivity", "stop_displacement", "change")
+    }
+    for _ in range(50):
+        matrix, way, lead = rng.normal(size=(1, 6)), rng.normal(size=6), 0.3 * rng.normal(size=6)
+        ends = rng.uniform(0, 4, 2)
+        rows = Rows(ca.SX(matrix), *map(ca.SX, ends), ca.SX([ca.inf]), straight)
+        for context in (
+            None,
+            LimitContext(
+                **nobody, overshoot=ca.SX(ca.DM(lead)), overshoot_bound=ca.SX(ca.DM(np.abs(lead)))
+            ),
+        ):
+            bound = float(ca.evalf(straight_margins(rows, ca.SX(ca.DM(way)), context)))
+            assert bound <= ends.min() + 1e-12
+
+
 @pytest.mark.slow
 def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_free() -> None:
     rng, shares = np.random.default_rng(4), []

@@ -93,7 +93,7 @@ READS: Final = {
 }
 """Code that uses a file of data: the tests that run it judge the file."""
 
-BUDGET: Final = 120.0
+BUDGET: Final = 240.0
 """How long the tests of one mutant may take, by what they take without [s]."""
 
 WORKERS: Final = 2
