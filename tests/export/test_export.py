@@ -465,6 +465,14 @@ def test_a_period_out_of_range_is_one_sentence(tmp_path, capsys):
     assert "--dt: got 1.0 s, allowed 0.0001 to 0.1 s" in capsys.readouterr().err
 
 
+def test_the_header_says_which_pose_is_given():
+    problem, base = ergoqp.load_problem("screwing"), np.eye(4)
+    base[0, 3] = 0.5
+    assert "measured contact frame in the world, row-major" in header(problem)
+    moved = problem.replace(frames=ergoqp.Frames(base))
+    assert "measured flange in the base, row-major" in header(moved)
+
+
 def test_flags_and_codes_are_whole_numbers_in_c():
     text = header(ergoqp.load_problem("screwing"))
     for name in ("frame", "has_pose", "has_twist", "enable", "status", "causes", "fault"):

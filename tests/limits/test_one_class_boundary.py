@@ -234,7 +234,7 @@ def test_a_boundary_cannot_be_changed_unnoticed(case):
         OneClassBoundary(case.model).tolerance = 1.0
 
 
-def asked(limit, model, start, step, ahead, swing, change):
+def asked(limit, model, start, step, ahead, swing, change, surface=None):
     """The limit's own margin of a way, its row and what the row reserves, of a state that the twist
     leads."""
     q, parts = ca.SX.sym("q", len(start)), {"displacement": 6, "ahead": 6, "swing": 6, "change": 6}
@@ -253,6 +253,7 @@ def asked(limit, model, start, step, ahead, swing, change):
         readings={limit.name: reading},
         pending_displacement=given["ahead"],
         shift=given["ahead"],
+        surface=surface,
     )
     rows = limit.rows(context)
     outputs = [
@@ -267,6 +268,19 @@ def asked(limit, model, start, step, ahead, swing, change):
     value, slope = (np.array(part).ravel() for part in model.margin_and_slope(start))
     found = function(start, np.r_[value, slope], step, ahead, swing, change)
     return [np.array(part).ravel() for part in found], value[0], slope
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_way_bends_where_the_points_move_apart_and_not_where_both_move_alike(arm, same):
+    points, model = arm
+    start, still, shift = points[3], np.zeros(6), np.array([0.01, -0.02, 0.015])
+    way = np.r_[shift, shift if same else -shift]
+    limit = OneClassBoundary(model, hard=True)
+    bent, straight = (
+        asked(limit, model, start, way, still, still, still, surface)[0][0][0]
+        for surface in (ArmLength(LENGTH), None)
+    )
+    assert bent == pytest.approx(straight, abs=1e-12) if same else bent < straight - 1e-6
 
 
 @given(seed=st.integers(0, 10**6), size=st.floats(1e-3, 10.0))
