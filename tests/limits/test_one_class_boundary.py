@@ -270,17 +270,22 @@ def asked(limit, model, start, step, ahead, swing, change, surface=None):
     return [np.array(part).ravel() for part in found], value[0], slope
 
 
-@pytest.mark.parametrize("same", [True, False])
-def test_a_way_bends_where_the_points_move_apart_and_not_where_both_move_alike(arm, same):
+def test_a_way_bends_where_the_points_move_apart_and_not_where_both_move_alike(arm):
     points, model = arm
     start, still, shift = points[3], np.zeros(6), np.array([0.01, -0.02, 0.015])
-    way = np.r_[shift, shift if same else -shift]
-    limit = OneClassBoundary(model, hard=True)
-    bent, straight = (
-        asked(limit, model, start, way, still, still, still, surface)[0][0][0]
-        for surface in (ArmLength(LENGTH), None)
-    )
-    assert bent == pytest.approx(straight, abs=1e-12) if same else bent < straight - 1e-6
+    limit, surfaces = OneClassBoundary(model, hard=True), (ArmLength(LENGTH), None)
+
+    def margins(way):
+        return [
+            asked(limit, model, start, way, still, still, still, each)[0][0][0] for each in surfaces
+        ]
+
+    for way in (np.r_[shift, shift], -np.r_[shift, shift]):
+        bent, straight = margins(way)
+        assert bent == pytest.approx(straight, abs=1e-12)
+    lost = [np.subtract(*margins(way)) for way in (np.r_[shift, -shift], np.r_[-shift, shift])]
+    assert max(lost) <= 0
+    assert min(lost) < -1e-6
 
 
 @given(seed=st.integers(0, 10**6), size=st.floats(1e-3, 10.0))
