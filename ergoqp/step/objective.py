@@ -150,7 +150,8 @@ def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     acceleration = problem.twist_limit.linear_acceleration
     sizes = {"H": (6, 6), "g": (6, 1), "way": (4, 1), "previous": (6, 1), "dt": (1, 1)}
     sx = H, g, way, previous, dt = [ca.SX.sym(name, *size) for name, size in sizes.items()]
-    # All axes speed up together, so that they keep to the way.
+    # No faster than all axes together can within a period, to keep to the way. Where a row of the
+    # region asks for more, each axis speeds up at its own limit; each step finds its way anew.
     along = ca.fmax(ca.dot(way[:3], previous[:3]), 0)
     pace = ca.fmin(ca.fmax(way[3] / out.recovery_time, STEADY_RETURN), along + acceleration * dt)
     led_H, led_g = ca.SX(H), ca.SX(g)
