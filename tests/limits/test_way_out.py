@@ -20,6 +20,8 @@ from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBo
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.simulation.check import Checker, Ways
+from ergoqp.step.objective import _led_function
+from ergoqp.step.rows import STEADY_RETURN
 from ergoqp.step.stepper import Stepper
 
 DT, STEP, FAR = 0.02, 1e-3, 2.5
@@ -284,6 +286,28 @@ def test_a_term_without_a_number_is_named_on_the_way_out_too(bad: float) -> None
     step = stepper.step(posture, pose)
     assert step.status == "braking"
     assert "response: got contact motion that cannot be followed that is NaN" in step.reason
+
+
+def test_out_of_a_region_the_object_goes_no_faster_than_all_axes_together_can() -> None:
+    problem = scene([EDGE])
+    assert problem.way_out is not None
+    assert problem.way_out.recovery_time == 0.5
+    led = _led_function(problem, problem.way_out)
+    acceleration = problem.twist_limit.linear_acceleration
+    way, H, g = np.array([0.6, 0.0, 0.8, 0.1]), np.eye(6), np.ones(6)
+    for along, far, pace in (
+        (0.0, 0.1, 0.01 * acceleration),
+        (0.03, 0.1, 0.03 + 0.01 * acceleration),
+        (-0.03, 0.1, 0.01 * acceleration),
+        (0.3, 0.1, 0.2),
+        (0.2, 1e-3, STEADY_RETURN),
+    ):
+        way[3] = far
+        # What it moves beside the way does not count.
+        previous = np.r_[along * way[:3] + 0.04 * np.array([0.8, 0.0, -0.6]), np.zeros(3)]
+        led_H, led_g = (np.array(part) for part in led(H, g, way, previous, 0.01))
+        np.testing.assert_allclose(np.linalg.solve(led_H, -led_g)[:3, 0], pace * way[:3])
+        np.testing.assert_array_equal(led_g[3:, 0], g[3:])
 
 
 def test_an_object_outside_the_workspace_is_led_past_a_region_in_between() -> None:

@@ -279,6 +279,17 @@ def test_bad_numbers_of_cost_and_response_are_named(
         np.testing.assert_allclose(good[0].pose[:3, 3], 0.5, atol=1e-12)
 
 
+def test_a_cost_without_a_number_is_named_on_the_floor_too() -> None:
+    cost, pose = Pull(), begin()
+    problem = problem_with(cost=cost)
+    cost.bad["value"] = np.nan
+    pose[2, 3] = 0.0
+    spoils = FORWARD.copy()
+    spoils[1] = 0.1
+    step = Stepper(problem).step(spoils, pose)
+    assert step.reason.startswith(COST), step.reason
+
+
 def test_a_slope_and_a_cost_ahead_without_a_number_are_named() -> None:
     for where, reason in (
         ("slope", "cost: got a slope of pull"),

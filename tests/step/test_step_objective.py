@@ -14,8 +14,10 @@ from ergoqp.step.qp import qp_data
 from ergoqp.step.stepper import Stepper
 
 
-def curvature(name: str, stalled: float) -> np.ndarray:
+def curvature(name: str, stalled: float, stall_after: float | None = None) -> np.ndarray:
     problem = problem_of(name)
+    if stall_after is not None:
+        problem = problem.replace(control=replace(problem.control, stall_after=stall_after))
     posture = near_comfort(name, np.random.default_rng(1), 20)
     given = {
         "posture": posture,
@@ -35,9 +37,12 @@ def test_the_longer_nothing_improves_the_dearer_it_is_to_move() -> None:
     assert curvature("overhead", control.stall_after / 2) - still == pytest.approx(effort, abs=1e-9)
     assert curvature("overhead", control.stall_after) - still == pytest.approx(9 * effort, abs=1e-9)
     # Whoever still moves after twice that time is kept going by a limit.
-    assert np.array_equal(
-        curvature("overhead", 2 * control.stall_after), curvature("overhead", 100.0)
-    )
+    for stall_after in (control.stall_after, 0.5, 3.0):
+        still, twice, later = (
+            curvature("overhead", stalled, stall_after) for stalled in (0.0, 2 * stall_after, 100.0)
+        )
+        assert twice - still == pytest.approx(49 * effort, abs=1e-9)
+        assert np.array_equal(twice, later)
 
 
 def test_a_stepper_counts_for_how_long_nothing_improved() -> None:

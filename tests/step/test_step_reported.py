@@ -22,6 +22,9 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.faults import explained_function
+from ergoqp.step.layout import UNIT
+from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
 
 WAITS = "at rest after a fault of the robot, until a pose is measured or try_again() is called"
@@ -420,3 +423,50 @@ def test_a_sample_over_a_period_that_is_too_long_shows_nothing(share: float) -> 
 
 def test_a_reported_speed_that_jumps_is_named_so() -> None:
     assert "robot: speed jumps" in reasons_of_a_lie(-10.0, -0.5, 0.01)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        DeclaredRobot(),
+        DeclaredRobot(gain_error=0.2),
+        DeclaredRobot(gain_error=0.2, delay=0.02),
+        DeclaredRobot(gain_error=0.2, lag=0.1, longest_hold=0.08),
+    ],
+    ids=["ideal", "gain", "delay", "hold"],
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_reported_twist_is_found_late_as_plain_arithmetic_says(
+    robot: DeclaredRobot, seed: int
+) -> None:
+    model = StepModel(problem_of("screwing").replace(robot=robot))
+    explained, rng, gain = explained_function(model), np.random.default_rng(seed), robot.gain_error
+    given = {name: np.zeros(explained.size_in(name)) for name in explained.name_in()}
+    given |= {"told": 1, "enable": 1, "started": 1, "lasted": 0.01}
+    sent, off = 0.05 * rng.normal(size=6), 0.2 * rng.normal(size=6)
+    up, down, due = rng.uniform(0, 4e-3, 6), rng.uniform(0, 4e-3, 6), rng.uniform(0, 4e-3, (6, 2))
+    drift, path, held = 0.05 * rng.normal(size=6), np.array([0.02, 0.03]), rng.normal(size=(6, 2))
+    given |= {"sent": sent, "executed": sent + off, "up": up, "down": down}
+    story = {name: np.zeros(size) for name, size in model.blocks["story"].items()}
+    # The same difference as in the period before: no noise.
+    story |= {"drift": drift, "path": path, "surprise": np.column_stack([off, np.zeros(6)])}
+    due = story["due"] = due if robot.owes else 0 * due
+    given["story"] = np.concatenate([np.ravel(part, "F") for part in story.values()])
+    held = 0.1 * np.abs(held)
+    if "held" in model.blocks["compared"]:
+        compared = {name: np.zeros(size) for name, size in model.blocks["compared"].items()}
+        parts = (compared | {"held": held}).values()
+        given["compared"] = np.concatenate([np.ravel(part, "F") for part in parts])
+    found = float(np.array(explained(**given)["next_said"])[0, 0])
+
+    drift = drift + 0.01 * off
+    path = path + 0.01 * np.array([np.linalg.norm(sent[:3]), np.linalg.norm(sent[3:])])
+    slack = 0.005 * np.abs(sent) + gain * np.repeat(path, 3)
+    fastest = np.maximum(held.max(axis=1), np.abs(sent))
+    slack += (1 + gain) * robot.longest_hold * fastest
+    beyond = np.maximum(
+        drift - (1 + gain) * (down + due[:, 0]), -drift - (1 + gain) * (up + due[:, 1])
+    )
+    parts = np.maximum(beyond - slack, 0) / (0.75 * UNIT)
+    assert found == pytest.approx(max(np.linalg.norm(parts[:3]), np.linalg.norm(parts[3:])))
+    assert found > 1
