@@ -20,13 +20,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
+from ergoqp.lab.yardstick import Drive
+from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.person_protocol import Holding
+from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 
 Array = NDArray[np.float64]
 
 MOST_RUNS: Final = 2000
 """Largest number of runs of steps; training then ends without convergence."""
+
+
+_STAYS: Final = 1.0
+"""How long the object of a demonstration stays at a place [s]."""
+
+_HELD: Final = 0.01
+"""A hand that is no further off holds the object [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +253,38 @@ def solve(
     tall = np.concatenate([phi, weight * np.eye(phi.shape[1])])
     right = np.concatenate([targets, np.zeros((phi.shape[1], targets.shape[1]))])
     return Policy(np.asarray(np.linalg.lstsq(tall, right, rcond=None)[0].T, dtype=float), features)
+
+
+def demonstrate(
+    problem: Problem, person: Holding, duration: float, seed: int = 0, every: float = 0.2
+) -> tuple[Array, Array]:
+    """Record a person at work: postures (n, 32) [rad] and poses of the object (n, 4, 4) [m].
+
+    The object is carried to random places of the workspace, as fast as the limits allow, and stays
+    a second at each. Frames in which a hand is off the object are left out.
+
+    Args:
+        problem: the task.
+        person: who follows; their state is changed.
+        duration: duration of the recording [s].
+        seed: seed of the places.
+        every: time between two frames [s].
+    """
+    workspace, rng = Workspace(problem), np.random.default_rng([seed, 45])
+    postures, poses, dt = [], [], problem.dt
+    drive, stays = Drive(problem, person.pose, person.pose), 0.0
+    pose = person.pose
+    for number in range(round(duration / dt)):
+        if stays >= _STAYS:
+            drive, stays = Drive(problem, pose, workspace.pose(rng.uniform(-1.0, 1.0, 5))), 0.0
+        twist = drive.step(person.posture, pose).twist
+        stays = 0.0 if twist.any() else stays + dt
+        pose = moved(pose, dt * twist)
+        person.follow(pose, dt)
+        if number % round(every / dt) == 0 and person.gap < _HELD:
+            postures.append(person.posture.copy())
+            poses.append(person.pose.copy())
+    return np.array(postures), np.array(poses)
 
 
 def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array:

@@ -20,6 +20,7 @@ from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording
 from ergoqp.problem.problem import Problem
+from ergoqp.responses.gmr import mean_pose
 from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.options import TaskOptions
 
@@ -96,6 +97,45 @@ def as_recorded(
         else:
             limits.append(limit)
     return problem.replace(response=person, limits=tuple(limits), **terms), posture, notes
+
+
+def held_poses(
+    recording: Recording, response: IkResponse, by_hand: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return postures (n, 32) and where the object is in each (n, 4, 4), for a response to learn.
+
+    Frames that show no posture, or no object, are left out. The poses are in the world of the
+    response's `contact`. The object's own frame is turned and shifted to the contact frame by what
+    is between the two on average.
+
+    Args:
+        recording: recording of a person at work.
+        response: model person, with the body and the hands of the recording.
+        by_hand: the hand of the recording stands for the object.
+
+    Raises:
+        InputError: if the recording has no held object.
+    """
+    known, postures = recording.scored, recording.postures
+    held = recording.object_poses
+    if not by_hand:
+        if held is None:
+            raise InputError(
+                "recording: has no held object; name one with --thing, or let the hand stand for"
+                " the object with --by-hand"
+            )
+        known = known & np.isfinite(held).all(axis=(1, 2))
+    if not known.any():
+        raise InputError("recording: no frame shows a posture and the object")
+    postures = postures[known]
+    contact, pelvis = (
+        np.array(part).reshape(4, -1, 4).transpose(1, 0, 2)
+        for part in response.contact().map(len(postures))(postures.T)
+    )
+    if by_hand or held is None:
+        return postures, contact
+    seen = pelvis @ np.linalg.inv(recording.base_poses[known]) @ held[known]
+    return postures, seen @ mean_pose(np.linalg.inv(seen) @ contact)
 
 
 def planted(recording: Recording, frame: int) -> np.ndarray:
