@@ -310,7 +310,7 @@ def errors_of(model: GmrResponse, rng: np.random.Generator) -> Iterator[tuple[fl
             near, far = (
                 (np.array(call(move(here, h * axis))[0]) - np.array(call(move(here, -h * axis))[0]))
                 / (2 * h)
-                for h in (2e-4, 4e-4)
+                for h in (1e-5, 2e-5)
             )
             columns.append((4 * near - far).ravel() / 3)
         numeric = np.column_stack(columns)

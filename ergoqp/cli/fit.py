@@ -25,14 +25,7 @@ from ergoqp.cli.options import RecordingOptions, argument, grouped, option, out_
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
 from ergoqp.costs.gmr import Gmr
-from ergoqp.costs.load import (
-    KINDS,
-    Quality,
-    cross_validate,
-    evaluation_time,
-    load_cost,
-    quality_of,
-)
+from ergoqp.costs.load import KINDS, Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.datasets.data import DataSet, read_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
 from ergoqp.errors import ErgoqpError, InputError, MissingExtraError
@@ -92,10 +85,6 @@ class Response:
     problem: Annotated[
         str, option("NAME|FILE", "response: the task, with its hands, tool and stance.")
     ] = "screwing"
-    first: Annotated[
-        Path | None,
-        option("FILE", "response: the first model, V(q), a .npz file of fit [gmr, fitted first]."),
-    ] = None
     by_hand: Annotated[
         bool, option(None, "response: the hand stands for the object.", "--by-hand")
     ] = False
@@ -139,14 +128,17 @@ def command(
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
+    of_recording = recording, response, read
     if cost == "response":
+        if recording is None:
+            raise InputError("recording: got none, allowed a recording or the folder of a run")
         check_extra("sklearn")
-        options = read_settings(GmrResponse.fit, settings or [])
-        fit_response(recording, response, read, options, per_score, seed, out)
-        return
-    if recording is not None:
-        raise InputError(f"recording: got {str(recording)!r}, allowed only with 'fit response'")
-    if cost == "boundary":
+        make, learn = GmrResponse.fit, partial(fit_response, recording, response, read)
+    elif of_recording != (None, Response(), RecordingOptions()):
+        raise InputError(
+            f"cost: got {cost!r} and a recording or how to read it, allowed 'response'"
+        )
+    elif cost == "boundary":
         check_extra("sklearn")
         make, learn = OneClass.fit, fit_boundary
     elif cost in FITTED:
@@ -354,30 +346,32 @@ def fit_boundary(
 
 
 def fit_response(
-    path: Path | None,
+    path: Path,
     asked: Response,
     read: RecordingOptions,
+    data: DataSet,
     options: dict[str, Any],
-    per_score: int,
     seed: int,
-    out: Path | None,
+    folds: int,
+    screen: Console,
+    make_out: Callable[[], Path],
 ) -> None:
-    """Fit a response, print how well it knows the last fifth of the time, and write the model.
+    """Fit a response, print how well it knows the last part of the time, and write the model.
 
     Args:
         path: the recording, or the folder of a run.
         asked: what only a response needs.
         read: how to read the recording.
+        data: labelled points for the first model, V(q).
         options: options of `GmrResponse.fit`.
-        per_score: postures of each score for the first model.
         seed: seed of both models.
-        out: folder of the results.
+        folds: the last part of the time is one of so many.
+        screen: console for the table.
+        make_out: returns the folder of the results.
 
     Raises:
         ErgoqpError: if there is no recording, or none that shows how the posture follows an object.
     """
-    if path is None:
-        raise InputError("recording: got none, allowed a recording or the folder of a run")
     person = load_person_problem(asked.problem).response
     if not isinstance(person, IkResponse):
         raise InputError(f"--problem: got {asked.problem!r}, allowed one with [response.ik]")
@@ -387,39 +381,29 @@ def fit_response(
     stance = "standing" if above is None else "seated"
     person = replace(person, body=recording.person, stance=stance, seat_height=above)
     postures, poses = held_poses(recording, person, asked.by_hand)
-    if asked.first is None:
-        with working("first model") as done:
-            cost: LearnedCost = Gmr.fit(posture_data(per_score, seed=seed, progress=done))
-    else:
-        cost = load_cost(asked.first)
-    begin = len(postures) * 4 // 5
-    with working("second model, of four fifths of the time") as done:
-        fit = partial(GmrResponse.fit, cost=cost, person=person, seed=seed, **options)
-        tried = fit(postures[:begin], poses[:begin], progress=done)
-    with working("second model") as done:
-        model = fit(postures, poses, progress=done)
-    found = tried.regression.mean(coordinates_of(poses[begin:], tried.mean))
-    joints = [JOINTS.index(name) for name in tried.joints]
+    with working("first model, V(q)"):
+        cost = Gmr.fit(data, seed=seed)
+    begin = len(postures) * (folds - 1) // folds
+    learn = partial(GmrResponse.fit, cost=cost, person=person, seed=seed, **options)
+    with working(f"second model, without the last of {folds} parts of the time") as done:
+        part = learn(postures[:begin], poses[:begin], progress=done)
+    with working("second model, of all the time") as done:
+        model = learn(postures, poses, progress=done)
+    moved = [JOINTS.index(name) for name in part.joints]
+    guesses = {
+        "second model": part.regression.mean(coordinates_of(poses[begin:], part.mean))[:, :-1],
+        "always the mean posture": postures[:begin, moved].mean(axis=0),
+    }
     rows = []
-    for name, angles in (
-        ("second model", found[:, :-1]),
-        ("always the mean posture", postures[:begin, joints].mean(axis=0)),
-    ):
-        error = np.degrees(np.sqrt(np.mean((postures[begin:, joints] - angles) ** 2)))
-        rows.append((name, f"{error:.1f}"))
-    path = make_folder(out, "fit-response") / "response.npz"
+    for name, guess in guesses.items():
+        error = np.sqrt(np.mean((postures[begin:, moved] - guess) ** 2))
+        rows.append((name, f"{np.degrees(error):.1f}"))
+    path = make_out() / "response.npz"
     model.save(path)
-    screen = console()
-    screen.print(
-        table_of(
-            "response: postures of the last fifth of the time",
-            ("", "error of an angle, deg"),
-            rows,
-            framed=True,
-        )
-    )
-    words = f"{len(postures)} frames, {len(model.joints)} joints, {len(model.mixture.weights)}"
-    screen.print(Text(f"{words} Gaussians, {path.stat().st_size / 1e3:.0f} kB"))
+    title, head = f"response: the last of {folds} parts of the time", "error of an angle, deg"
+    screen.print(table_of(title, ("", head), rows, framed=True))
+    found = f"{len(postures)} frames, {len(model.joints)} joints, {len(model.mixture.weights)}"
+    screen.print(Text(f"{found} Gaussians, {path.stat().st_size / 1e3:.0f} kB"))
     screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
 
 

@@ -155,6 +155,8 @@ class GmrResponse:
         count = len(np.atleast_1d(np.asarray(postures)))
         postures = read_array("postures", postures, (count, len(JOINTS)), "numbers (n, 32)")
         poses = read_array("poses", poses, (count, 4, 4), f"poses ({count}, 4, 4)")
+        if count < 2:
+            raise InputError(f"postures: got {count} frames, allowed some for each Gaussian")
         check_whole("seed", seed, 0, LARGEST_SEED)
         check_number("regularisation", regularisation, 1e-9, 1.0)
         several = [components] if isinstance(components, int) else list(components)

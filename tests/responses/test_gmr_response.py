@@ -1,0 +1,254 @@
+"""The report's second model: posture and cost in relation to the object's pose."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from step_samples import problem_of
+
+from ergoqp.errors import InputError, ModelError
+from ergoqp.joints import INDEX, JOINTS
+from ergoqp.learning.mixtures import MixtureRegression
+from ergoqp.learning.model_file import load_model, save_model
+from ergoqp.problem.geometry import pose_error, turned
+from ergoqp.problem.load import load_problem, problem_from_dict
+from ergoqp.responses.gmr import GmrResponse, coordinates_of, mean_pose
+from ergoqp.responses.ik import IkResponse
+
+ARM = [INDEX[f"right_{joint}"] for joint in ("shoulder_flexion", "elbow_flexion", "wrist_flexion")]
+
+
+def person() -> IkResponse:
+    response = problem_of("screwing").response
+    assert isinstance(response, IkResponse)
+    return response
+
+
+def recorded(count: int = 400, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Postures of a person of whom three joints and the trunk move, and where the hand is."""
+    rng = np.random.default_rng(seed)
+    postures = np.tile(person().comfort, (count, 1))
+    postures[:, ARM] += 0.25 * rng.normal(size=(count, 3))
+    postures[:, INDEX["trunk_flexion"]] += 0.1 * rng.normal(size=count)
+    return postures, np.array([np.array(person().contact()(q)[0]) for q in postures])
+
+
+def value(postures: np.ndarray) -> np.ndarray:
+    return 3.0 + (np.atleast_2d(postures)[:, ARM] ** 2).sum(axis=1)
+
+
+@cache
+def model() -> GmrResponse:
+    return GmrResponse.fit(*recorded(), value, person(), components=4)
+
+
+def moved(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    after = pose.copy()
+    after[:3, 3] += twist[:3]
+    after[:3, :3] = turned(pose[:3, :3], twist[3:])
+    return after
+
+
+def called(which: GmrResponse) -> Callable[[np.ndarray], list[np.ndarray]]:
+    pose = ca.MX.sym("pose", 4, 4)
+    function = ca.Function("prediction", [pose], list(which.prediction(pose)))
+    return lambda at: [np.array(part) for part in function(at)]
+
+
+def test_joints_and_cost_at_a_pose_are_the_conditional_mean_of_the_mixture() -> None:
+    mixture, call = model().mixture, called(model())
+    assert len(mixture.weights) == 4
+    for pose in recorded(10, seed=1)[1]:
+        x = coordinates_of(pose[None], model().mean)[0]
+        shares, parts = [], []
+        for weight, mean, covariance in zip(
+            mixture.weights, mixture.means, mixture.covariances, strict=True
+        ):
+            own = covariance[:6, :6]
+            shares.append(weight * multivariate_normal.pdf(x, mean[:6], own))
+            parts.append(mean[6:] + covariance[6:, :6] @ np.linalg.solve(own, x - mean[:6]))
+        expected = np.array(shares) / sum(shares) @ np.array(parts)
+        mean, spread, _ = call(pose)
+        np.testing.assert_allclose(mean.ravel(), expected, atol=1e-10)
+        np.testing.assert_allclose(spread, model().regression.covariance(x)[0], atol=1e-10)
+
+
+def test_the_derivative_is_that_of_the_prediction_along_a_twist_of_the_world() -> None:
+    call = called(model())
+    for pose in recorded(5, seed=2)[1]:
+        exact, numeric = call(pose)[2], []
+        for axis in np.eye(6):
+            near, far = (
+                (call(moved(pose, h * axis))[0] - call(moved(pose, -h * axis))[0]) / (2 * h)
+                for h in (1e-5, 2e-5)
+            )
+            numeric.append((4 * near - far).ravel() / 3)
+        np.testing.assert_allclose(exact, np.column_stack(numeric), atol=1e-8 * abs(exact).max())
+
+
+def test_a_posture_that_follows_linearly_is_followed_as_it_does() -> None:
+    """One Gaussian is a straight line: known in advance, in position and in rotation."""
+    rng, slope = np.random.default_rng(3), np.array([0.5, -1.0, 0.3, 0.2, 0.4, -0.1])
+    x = rng.normal(size=(2000, 6)) * 0.05
+    centre = np.array(person().contact()(person().comfort)[0])
+    poses = np.array([moved(centre, each) for each in x])
+    postures = np.tile(person().comfort, (2000, 1))
+    postures[:, ARM[0]] += x @ slope
+
+    def cost(rows: np.ndarray) -> np.ndarray:
+        return 3.0 - 2.0 * rows[:, ARM[0]]
+
+    found = GmrResponse.fit(postures, poses, cost, person(), components=1, regularisation=1e-9)
+    assert found.joints == (JOINTS[ARM[0]],)
+    S, dV = (np.array(part) for part in found.slopes()(mean_pose(poses)))
+    np.testing.assert_allclose(S[ARM[0]], slope, atol=1e-3)
+    assert not np.delete(S, ARM[0], axis=0).any()
+    np.testing.assert_allclose(dV.ravel(), -2.0 * slope, atol=2e-3)
+
+
+def test_where_the_object_is_follows_from_the_posture() -> None:
+    q, locked = recorded(3, seed=4)[0][2], np.zeros(32)
+    locked[ARM[1]] = 1.0
+    here = np.array(person().contact()(q)[0])
+    S, E = (np.array(part) for part in model().sensitivity()(q, locked))
+    expected = np.array(model().slopes()(here)[0])
+    expected[ARM[1]] = 0.0
+    np.testing.assert_allclose(S, expected, atol=1e-12)
+    np.testing.assert_allclose(
+        np.array(ca.evalf(model().expression(ca.MX(ca.DM(q)))))[ARM[0]], S[ARM[0]]
+    )
+    J = np.zeros((6, 32))
+    for joint in range(32):
+        step = 1e-6 * np.eye(32)[joint]
+        ends = (np.array(person().contact()(q + each)[0]) for each in (-step, step))
+        J[:, joint] = pose_error(*ends) / 2e-6
+    np.testing.assert_allclose(E, np.eye(6) - J @ S, atol=1e-7)
+
+
+def test_bic_takes_as_many_gaussians_as_there_are() -> None:
+    postures, poses = recorded(800)
+    one = GmrResponse.fit(*linear(800), value, person(), components=(1, 2, 4))
+    assert len(one.mixture.weights) == 1
+    apart = np.concatenate(
+        [poses[:400], np.array([moved(p, [0.5] + [0.0] * 5) for p in poses[400:]])]
+    )
+    two = GmrResponse.fit(postures, apart, value, person(), components=(1, 2))
+    assert len(two.mixture.weights) == 2
+    # More Gaussians than the frames can fill are not tried.
+    few = GmrResponse.fit(postures[:30], poses[:30], value, person(), components=(1, 24))
+    assert len(few.mixture.weights) == 1
+
+
+def linear(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A recording that is one Gaussian."""
+    rng = np.random.default_rng(5)
+    x = 0.05 * rng.normal(size=(count, 6))
+    centre = np.array(person().contact()(person().comfort)[0])
+    postures = np.tile(person().comfort, (count, 1))
+    postures[:, ARM] += x[:, :3] + 0.02 * rng.normal(size=(count, 3))
+    return postures, np.array([moved(centre, each) for each in x])
+
+
+def test_it_does_not_look_at_the_axes_that_it_was_recorded_in() -> None:
+    """x_r is relative to the mean pose: the mean of turned poses is the turned mean."""
+    poses = recorded(50)[1]
+    mean, turn = mean_pose(poses), np.eye(4)
+    turn[:3, :3] = turned(np.eye(3), np.array([0.3, -0.2, 1.0]))
+    np.testing.assert_allclose(mean_pose(turn @ poses), turn @ mean, atol=1e-12)
+    x = coordinates_of(poses, mean)
+    np.testing.assert_allclose(x[:, :3].mean(axis=0), 0, atol=1e-12)
+    for pose, each in zip(poses, x, strict=True):
+        np.testing.assert_allclose(pose_error(mean, pose), each, atol=1e-9)
+
+
+def test_a_saved_model_gives_the_same_numbers(tmp_path: Path) -> None:
+    path, q = tmp_path / "response.npz", recorded(2, seed=6)[0][1]
+    model().save(path)
+    loaded = GmrResponse.load(path)
+    sent = pickle.loads(pickle.dumps(model()))
+    file = {"response": {"gmr": {"model": "response.npz"}}}
+    problem = problem_from_dict(file, "own", tmp_path)
+    for other in (loaded, sent, problem.response):
+        for one, two in zip(other.sensitivity()(q, 0), model().sensitivity()(q, 0), strict=True):
+            np.testing.assert_array_equal(np.array(one), np.array(two))
+    assert loaded.joints == model().joints
+    assert loaded.stance == person().stance
+    np.testing.assert_array_equal(loaded.comfort, person().comfort)
+    np.testing.assert_array_equal(loaded.weight_vector, person().weight_vector)
+    assert problem.task["seated"] is False
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"poses": np.tile(np.eye(4), (400, 1, 1))}, "object: it moves by 0.0 mm and 0.0 deg"),
+        ({"poses": np.zeros((400, 4, 4))}, "poses: got a matrix that is no rigid motion"),
+        ({"poses": np.tile(np.eye(4), (3, 1, 1))}, "poses: got"),
+        ({"postures": np.zeros((400, 32))}, "postures: no joint moves"),
+        ({"postures": np.zeros((400, 3))}, "postures: got"),
+        ({"postures": None}, "postures: got"),
+        ({"postures": np.full((400, 32), np.nan)}, "postures: got"),
+        ({"postures": np.zeros((1, 32)), "poses": np.eye(4)[None]}, "postures: got 1 frames"),
+        ({"components": 0}, "components: got 0"),
+        (
+            {"components": 40},
+            "postures: got 400 frames, allowed at least 520: 13 for each Gaussian",
+        ),
+        ({"seed": -1}, "seed: got -1"),
+        ({"regularisation": 0.0}, "regularisation: got 0"),
+    ],
+)
+def test_what_shows_nothing_is_refused(change: dict[str, Any], message: str) -> None:
+    postures, poses = recorded()
+    given: dict[str, Any] = {"postures": postures, "poses": poses, "components": 4} | change
+    with pytest.raises(InputError) as found:
+        GmrResponse.fit(cost=value, person=person(), **given)
+    assert str(found.value).startswith(message)
+    assert "\n" not in str(found.value)
+
+
+def test_parts_that_do_not_fit_together_are_refused(tmp_path: Path) -> None:
+    mixture = MixtureRegression(np.ones(1), np.zeros((1, 9)), np.eye(9)[None])
+    with pytest.raises(ModelError, match="a mixture of 9 columns for the joints trunk_flexion"):
+        GmrResponse(person(), mixture, ("trunk_flexion",), np.eye(4))
+    with pytest.raises(ModelError, match=r"joints of ergoqp\.JOINTS"):
+        GmrResponse(person(), mixture, ("trunk_flexion", "tail"), np.eye(4))
+    with pytest.raises(ModelError, match="person"):
+        GmrResponse(None, mixture, ("trunk_flexion", "trunk_twist"), np.eye(4))  # type: ignore
+    path = tmp_path / "response.npz"
+    model().save(path)
+    header, arrays = load_model(path)
+    for wrong, message in (
+        (
+            ({**header, "kind": "gmr"}, arrays),
+            "holds a model of kind 'gmr', allowed 'gmr_response'",
+        ),
+        (({**header, "joints": ["tail"]}, arrays), "mixture of"),
+        (({**header, "person": {}}, arrays), "does not hold what a model of kind 'gmr_response'"),
+        ((header, {k: v for k, v in arrays.items() if k != "mean"}), "does not hold what"),
+        ((header, {**arrays, "mean": np.zeros(3)}), "does not hold what"),
+    ):
+        save_model(path, *wrong)
+        with pytest.raises(ModelError, match=message):
+            GmrResponse.load(path)
+
+
+@pytest.mark.slow
+def test_the_step_keeps_the_objects_limits_with_it() -> None:
+    from tools.fuzz.fuzz import run_chunk
+
+    problem = load_problem("screwing").replace(response=model())
+    problem = problem.replace(frames=replace(problem.frames, compare=False))
+    tally = run_chunk((3, 500), of=problem)
+    assert tally.steps == 500
+    assert tally.counts["unsafe"] == tally.counts["exceptions"] == 0
+    assert tally.statuses["optimal"] > 20
