@@ -36,7 +36,7 @@ MOST_RUNS: Final = 2000
 _STAYS: Final = 1.0
 """How long the object of a demonstration stays at a place [s]."""
 
-_HELD: Final = 0.01
+_HELD: Final = 0.03
 """A hand that is no further off holds the object [m]."""
 
 

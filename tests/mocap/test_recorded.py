@@ -150,13 +150,13 @@ def test_an_object_in_the_hand_is_where_the_hand_is(demo: Recording) -> None:
     response = replace(ergoqp.load_problem("screwing").response, body=demo.person)
     postures, by_hand = held_poses(demo, response, by_hand=True)
     np.testing.assert_array_equal(postures, demo.postures[demo.scored])
-    for posture, pose in zip(postures[::40], by_hand[::40], strict=True):
-        np.testing.assert_allclose(pose, np.array(response.contact()(posture)[0]), atol=1e-12)
+    for q, pose in zip(postures[::40], by_hand[::40], strict=True):
+        np.testing.assert_allclose(pose, np.array(response.contact()(q)[0]), atol=1e-12)
     grip = np.eye(4)
     grip[:3, :3], grip[:3, 3] = turn_about(2, 0.7), (0.1, -0.05, 0.2)
     held = []
-    for posture, base in zip(demo.postures, demo.base_poses, strict=True):
-        contact, pelvis = (np.array(part) for part in response.contact()(posture))
+    for q, base in zip(demo.postures, demo.base_poses, strict=True):
+        contact, pelvis = (np.array(part) for part in response.contact()(q))
         held.append(base @ np.linalg.inv(pelvis) @ contact @ grip)
     held[3] = np.full((4, 4), np.nan)
     recording = replace(demo, object_poses=np.array(held))
