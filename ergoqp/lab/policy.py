@@ -11,8 +11,9 @@ over two long runs of steps must agree. The training approaches a least-squares 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice, repeat
 from typing import Final
 
 import casadi as ca
@@ -20,11 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
-from ergoqp.lab.yardstick import Drive
-from ergoqp.problem.geometry import Workspace
+from ergoqp.problem.geometry import Workspace, between, straight
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.person_protocol import Holding
-from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 
 Array = NDArray[np.float64]
@@ -35,6 +34,12 @@ MOST_RUNS: Final = 2000
 
 _STAYS: Final = 1.0
 """How long the object of a demonstration stays at a place [s]."""
+
+_PERIOD: Final = 0.02
+"""Period of a demonstration [s]."""
+
+_PART: Final = 1.2
+"""Time in which a part of a way is gone, see `ergoqp.problem.geometry.straight` [s]."""
 
 _HELD: Final = 0.03
 """A hand that is no further off holds the object [m]."""
@@ -260,8 +265,8 @@ def demonstrate(
 ) -> tuple[Array, Array]:
     """Record a person at work: postures (n, 32) [rad] and poses of the object (n, 4, 4) [m].
 
-    The object is carried to random places of the workspace, as fast as the limits allow, and stays
-    a second at each. Frames in which a hand is off the object are left out.
+    The object is carried straight to random places of the workspace, slowly, and stays a second at
+    each. Frames in which a hand is off the object are left out.
 
     Args:
         problem: the task.
@@ -271,17 +276,21 @@ def demonstrate(
         every: time between two frames [s].
     """
     workspace, rng = Workspace(problem), np.random.default_rng([seed, 45])
-    postures, poses, dt = [], [], problem.dt
-    drive, stays = Drive(problem, person.pose, person.pose), 0.0
-    pose = person.pose
-    for number in range(round(duration / dt)):
-        if stays >= _STAYS:
-            drive, stays = Drive(problem, pose, workspace.pose(rng.uniform(-1.0, 1.0, 5))), 0.0
-        twist = drive.step(person.posture, pose).twist
-        stays = 0.0 if twist.any() else stays + dt
-        pose = moved(pose, dt * twist)
-        person.follow(pose, dt)
-        if number % round(every / dt) == 0 and person.gap < _HELD:
+
+    def carried() -> Iterator[Array]:
+        """Yield the pose in every period of `_PERIOD`."""
+        here = person.pose
+        while True:
+            for part in straight(here, workspace.pose(rng.uniform(-1.0, 1.0, 5))):
+                for share in np.linspace(0.0, 1.0, round(_PART / _PERIOD) + 1)[1:]:
+                    yield between(here, part, share)
+                here = part
+            yield from repeat(here, round(_STAYS / _PERIOD))
+
+    postures, poses = [], []
+    for number, pose in enumerate(islice(carried(), round(duration / _PERIOD))):
+        person.follow(pose, _PERIOD)
+        if number % round(every / _PERIOD) == 0 and person.gap < _HELD:
             postures.append(person.posture.copy())
             poses.append(person.pose.copy())
     return np.array(postures), np.array(poses)
