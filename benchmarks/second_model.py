@@ -251,9 +251,9 @@ class Leaving(Checker):
         super().__init__(problem)
         self.steps = self.left = 0
 
-    def check(self, *given: Any) -> list[str]:
+    def check(self, *given: Any, **named: Any) -> list[str]:
         """Check a step."""
-        broken = super().check(*given)
+        broken = super().check(*given, **named)
         self.steps += 1
         self.left += bool(set(broken) - {"jerk"})
         return broken
@@ -389,16 +389,9 @@ def print_figures(report: Report, found: Sequence[dict[str, float]]) -> None:
 
 def fuzz_all(report: Report, pool: ProcessPoolExecutor, models: Sequence[GmrResponse]) -> None:
     """Fuzz the step with the mixture as its response."""
-    problem = judged(PROBLEM)[0]
-    chunks = [
-        (
-            number,
-            problem.replace(response=models[number % len(models)], frames=Frames(compare=False)),
-        )
-        for number in range(report.pick(4, 40))
-    ]
-    # Problems hold expressions, which do not leave a process.
-    done = [fuzzed(chunk) for chunk in chunks]
+    tasks = range(report.pick(4, 40))
+    of_each = [models[number % len(models)] for number in tasks]
+    done = list(pool.map(fuzzed, tasks, of_each))
     report.figure("steps", sum(steps for steps, _ in done), "of the fuzz")
     report.figure("broken", sum(broken for _, broken in done), "limits broken, calls that raised")
 

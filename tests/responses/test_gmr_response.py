@@ -138,9 +138,8 @@ def test_bic_takes_as_many_gaussians_as_there_are() -> None:
     postures, poses = recorded(800)
     one = GmrResponse.fit(*linear(800), value, person(), components=(1, 2, 4))
     assert len(one.mixture.weights) == 1
-    apart = np.concatenate(
-        [poses[:400], np.array([moved(p, [0.5] + [0.0] * 5) for p in poses[400:]])]
-    )
+    apart = poses.copy()
+    apart[400:, 0, 3] += 0.5
     two = GmrResponse.fit(postures, apart, value, person(), components=(1, 2))
     assert len(two.mixture.weights) == 2
     # More Gaussians than the frames can fill are not tried.
