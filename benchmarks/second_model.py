@@ -19,13 +19,13 @@ then begins at a bad place, and every way of moving the object is judged by the 
   mixture's own dV/dx; ``.random``: of a random direction.
 - ``policy_angle_deg``: between a policy that algorithm 1 trained on the rest of the recording and
   eq. 3.3 at postures of that fifth; ``.random`` of a random direction.
-- ``reba_end.WAY``: mean score at rest at the end, over the starts; ``left_share.WAY``: share of
-  the steps in which speed, acceleration, axes, workspace, tool axis, or a range or rate of the
-  joints by the controller's model was left. Ways: ``still``; ``rule``, a rule of thumb; ``qp`` with
-  the model person; ``qp_gmr``, the same QP with the mixture; ``nominal_gradient`` with the model
-  person and the smooth score, ``gradient`` with both mixtures (eq. 3.3), ``policy`` (eq. 3.1,
-  trained on the latter by algorithm 1): all three are kept within the object's limits by the
-  baseline's own clipping; ``raw_policy`` is not.
+- ``reba_end``: mean score at rest at the end, over the starts, of the policy (eq. 3.1) that
+  algorithm 1 trained on eq. 3.3; ``left_share``: share of the steps in which it left speed,
+  acceleration, axes, workspace, tool axis, or a range or rate of the joints by the controller's
+  model. Both with ``.WAY`` of the others: ``still``; ``rule``, a rule of thumb; ``qp`` with the
+  model person; ``qp_gmr``, the same QP with the mixture; ``nominal_gradient`` with the model person
+  and the smooth score; ``gradient`` with both mixtures (eq. 3.3). Policy and gradients are kept
+  within the object's limits by the baseline's own clipping; ``raw_policy`` is not.
 - ``broken``: limits broken, and calls that raised, in a short fuzz of the step with the mixture as
   response; ``steps`` of it.
 - ``recording.*``: the same of a real recording, in which the right hand stands for x_r; printed if
@@ -369,9 +369,10 @@ def measure(report: Report) -> None:
         print_figures(report, [figures for figures, _, _ in people])
         for way in WAYS:
             ends = [ends[way] for _, ends, _ in people]
-            report.figure(f"reba_end.{way}", float(np.mean([score for score, _, _ in ends])))
+            name = "" if way == "policy" else f".{way}"
+            report.figure(f"reba_end{name}", float(np.mean([score for score, _, _ in ends])))
             steps = sum(count for _, _, count in ends)
-            report.figure(f"left_share.{way}", sum(left for _, left, _ in ends) / steps)
+            report.figure(f"left_share{name}", sum(left for _, left, _ in ends) / steps)
         fuzz_all(report, pool, models)
     found = of_recording(report.full)
     if not found:

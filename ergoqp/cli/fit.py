@@ -37,7 +37,7 @@ from ergoqp.mocap import Recording
 from ergoqp.mocap.recorded import held_poses, seat_above_feet
 from ergoqp.report.charts.over_time import prediction_picture
 from ergoqp.report.tables import table_of
-from ergoqp.responses.gmr import GmrResponse, coordinates_of
+from ergoqp.responses.gmr import GmrResponse
 from ergoqp.responses.ik import IkResponse
 
 ABOUT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.
@@ -68,6 +68,7 @@ _GIVEN: Final = (
     *("data", "cls", "progress", "points", "coordinates"),
     *("postures", "poses", "cost", "person"),
 )
+"""What the command gives to a fit itself."""
 
 
 Joints = StrEnum("Joints", {"report": "report", "scored": "scored"})
@@ -130,8 +131,11 @@ def command(
     """
     of_recording = recording, response, read
     if cost == "response":
-        if recording is None:
-            raise InputError("recording: got none, allowed a recording or the folder of a run")
+        if recording is None or not recording.exists():
+            got = "none" if recording is None else f"{recording}: no such file"
+            raise InputError(f"recording: got {got}, allowed a recording or the folder of a run")
+        if data == "forearm":
+            raise InputError("--data: got 'forearm', allowed postures: sheet, interval or a file")
         check_extra("sklearn")
         make, learn = GmrResponse.fit, partial(fit_response, recording, response, read)
     elif of_recording != (None, Response(), RecordingOptions()):
@@ -384,24 +388,28 @@ def fit_response(
     with working("first model, V(q)"):
         cost = Gmr.fit(data, seed=seed)
     begin = len(postures) * (folds - 1) // folds
-    learn = partial(GmrResponse.fit, cost=cost, person=person, seed=seed, **options)
-    with working(f"second model, without the last of {folds} parts of the time") as done:
-        part = learn(postures[:begin], poses[:begin], progress=done)
-    with working("second model, of all the time") as done:
+    learn = partial(GmrResponse.fit, **{"cost": cost, "person": person, "seed": seed, **options})
+    with working("second model") as done:
         model = learn(postures, poses, progress=done)
-    moved = [JOINTS.index(name) for name in part.joints]
-    guesses = {
-        "second model": part.regression.mean(coordinates_of(poses[begin:], part.mean))[:, :-1],
-        "always the mean posture": postures[:begin, moved].mean(axis=0),
-    }
-    rows = []
-    for name, guess in guesses.items():
-        error = np.sqrt(np.mean((postures[begin:, moved] - guess) ** 2))
-        rows.append((name, f"{np.degrees(error):.1f}"))
     path = make_out() / "response.npz"
     model.save(path)
-    title, head = f"response: the last of {folds} parts of the time", "error of an angle, deg"
-    screen.print(table_of(title, ("", head), rows, framed=True))
+    try:
+        with working(f"the same without the last of {folds} parts of the time") as done:
+            part = learn(postures[:begin], poses[:begin], progress=done)
+    except InputError as error:
+        screen.print(Text(f"The recording is too short to keep a part of it apart: {error}"))
+    else:
+        joints = [JOINTS.index(name) for name in part.joints]
+        x = part.x_r(postures[begin:], poses[begin:])
+        rows = []
+        for name, guess in (
+            ("second model", part.regression.mean(x)[:, :-1]),
+            ("always the mean posture", postures[:begin, joints].mean(axis=0)),
+        ):
+            error = np.sqrt(np.mean((postures[begin:, joints] - guess) ** 2))
+            rows.append((name, f"{np.degrees(error):.1f}"))
+        title = f"response: the last of {folds} parts of the time, unseen"
+        screen.print(table_of(title, ("", "error of an angle, deg"), rows, framed=True))
     found = f"{len(postures)} frames, {len(model.joints)} joints, {len(model.mixture.weights)}"
     screen.print(Text(f"{found} Gaussians, {path.stat().st_size / 1e3:.0f} kB"))
     screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
@@ -418,7 +426,7 @@ def recorded_run(folder: Path) -> Recording:
         arrays = read_npz(folder / "run.npz", names)
         body = read_json(folder / "run.json", "run")["person"]
         person = Body(body["stature_m"], body["lengths_m"], body["mass_kg"])
-    except (ErgoqpError, KeyError, ValueError) as error:
+    except (ErgoqpError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"recording: got the folder {folder}, allowed one that a run was saved in ({error})"
         ) from None

@@ -20,7 +20,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import check_number
 from ergoqp.errors import InputError
+from ergoqp.lab.yardstick import GRADIENT_GAIN
 from ergoqp.problem.geometry import Workspace, between, straight
 from ergoqp.problem.problem import Problem
 from ergoqp.rest.person_protocol import Holding
@@ -39,7 +41,7 @@ _PERIOD: Final = 0.02
 """Period of a demonstration [s]."""
 
 _PART: Final = 1.2
-"""Time in which a part of a way is gone, see `ergoqp.problem.geometry.straight` [s]."""
+"""Time for one part of a path, see `ergoqp.problem.geometry.straight` [s]."""
 
 _HELD: Final = 0.03
 """A hand that is no further off holds the object [m]."""
@@ -274,7 +276,12 @@ def demonstrate(
         duration: duration of the recording [s].
         seed: seed of the places.
         every: time between two frames [s].
+
+    Raises:
+        InputError: if a time is out of range.
     """
+    check_number("every", every, _PERIOD, 60.0, "s")
+    check_number("duration", duration, every, 36000.0, "s")
     workspace, rng = Workspace(problem), np.random.default_rng([seed, 45])
 
     def carried() -> Iterator[Array]:
@@ -294,6 +301,36 @@ def demonstrate(
             postures.append(person.posture.copy())
             poses.append(person.pose.copy())
     return np.array(postures), np.array(poses)
+
+
+def follow(problem: Problem, down: ca.Function, postures: Array, count: int = 100) -> Training:
+    """Train a policy by algorithm 1 to follow a direction at recorded postures.
+
+    The wanted twist is the direction at the gain of `ergoqp.lab.yardstick.GRADIENT_GAIN`, no faster
+    than the object may be: as the baseline sends it.
+
+    Args:
+        problem: the task.
+        down: ``q (32,) -> twist (6,)``, for example `ergoqp.lab.yardstick.downhill`.
+        postures: recorded (n, 32) [rad].
+        count: number of radial features.
+    """
+    features = RadialFeatures.among(postures, min(count, len(postures)))
+    speed = problem.twist_limit.speed
+    wanted = GRADIENT_GAIN * np.array(down.map(len(postures))(postures.T)).T * (speed > 0)
+    over = np.abs(wanted) / np.where(speed > 0, speed, 1.0)
+    wanted /= np.maximum(1.0, over.max(axis=1, keepdims=True))
+    at = {posture.tobytes(): twist for posture, twist in zip(postures, wanted, strict=True)}
+    largest = float(np.square(features(postures)).sum(axis=1).max())
+    return train(
+        features,
+        lambda rng, number: postures[rng.integers(len(postures), size=number)],
+        lambda some: np.array([at[posture.tobytes()] for posture in some]),
+        rate=0.5 / largest,
+        threshold=0.02 * float(np.linalg.norm(wanted, axis=1).mean()),
+        run=len(postures),
+        most_runs=100,
+    )
 
 
 def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array:

@@ -20,7 +20,7 @@ from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.gmr import mean_pose
+from ergoqp.responses.gmr import contacts_of, mean_pose
 from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.options import TaskOptions
 
@@ -40,6 +40,10 @@ _UNLOCKED: Final = np.radians(5)
 _UNEVEN: Final = 0.02
 """Largest height of one sole above the floor of the other [m]."""
 _ASKEW: Final = np.radians(10)
+_HELD: Final = 0.05
+"""An object whose place in the hand is further from that of most frames is not held [m]."""
+_MOSTLY: Final = 0.1
+"""Least share of frames in which it is held."""
 _ROOM: Final = 0.02
 """Margin around the place of the hand, because the person may hold the object differently [m]."""
 
@@ -104,9 +108,9 @@ def held_poses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return postures (n, 32) and where the object is in each (n, 4, 4), for a response to learn.
 
-    Frames that show no posture, or no object, are left out. The poses are in the world of the
-    response's `contact`. The object's own frame is turned and shifted to the contact frame by what
-    is between the two on average.
+    The poses are in the world of the response's `contact`, and of the contact frame: the object's
+    own frame is turned and shifted to it. Frames that show no posture, or no object in the hand,
+    are left out.
 
     Args:
         recording: recording of a person at work.
@@ -114,10 +118,9 @@ def held_poses(
         by_hand: the hand of the recording stands for the object.
 
     Raises:
-        InputError: if the recording has no held object.
+        InputError: if the recording has no held object, or no frame shows it in the hand.
     """
-    known, postures = recording.scored, recording.postures
-    held = recording.object_poses
+    known, held = recording.scored, recording.object_poses
     if not by_hand:
         if held is None:
             raise InputError(
@@ -127,15 +130,24 @@ def held_poses(
         known = known & np.isfinite(held).all(axis=(1, 2))
     if not known.any():
         raise InputError("recording: no frame shows a posture and the object")
-    postures = postures[known]
-    contact, pelvis = (
-        np.array(part).reshape(4, -1, 4).transpose(1, 0, 2)
-        for part in response.contact().map(len(postures))(postures.T)
-    )
+    postures = recording.postures[known]
+    contact, pelvis = contacts_of(response, postures)
     if by_hand or held is None:
         return postures, contact
     seen = pelvis @ np.linalg.inv(recording.base_poses[known]) @ held[known]
-    return postures, seen @ mean_pose(np.linalg.inv(seen) @ contact)
+    grips = np.linalg.inv(seen) @ contact
+    # The place in the hand that most frames are near to; a few hundred are tried.
+    places = grips[:, :3, 3]
+    tried = places[:: max(1, len(places) // 300)]
+    near = np.linalg.norm(places[:, np.newaxis] - tried, axis=2) < _HELD
+    holds = near[:, np.argmax(near.sum(axis=0))]
+    if holds.mean() < _MOSTLY:
+        raise InputError(
+            f"recording: the object keeps its place in the hand in {holds.sum()} of {len(holds)}"
+            f" frames, allowed {_MOSTLY:.0%} or more: choose a part (--window), or the hand or the"
+            " object that is meant"
+        )
+    return postures[holds], seen[holds] @ mean_pose(grips[holds])
 
 
 def planted(recording: Recording, frame: int) -> np.ndarray:

@@ -24,11 +24,14 @@ from ergoqp.arguments import (
     check_kind,
     check_number,
     check_whole,
+    names_of,
     read_array,
+    shown,
+    table_of_numbers,
     unseen,
 )
 from ergoqp.errors import InputError, ModelError, last_line
-from ergoqp.expressions import shifted
+from ergoqp.expressions import read_pose, shifted
 from ergoqp.joints import INDEX, JOINTS
 from ergoqp.learning.mixtures import (
     Conditional,
@@ -39,6 +42,7 @@ from ergoqp.learning.mixtures import (
 )
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.responses.ik import IkResponse, response_as_dict, response_from_dict
+from ergoqp.responses.stance_and_gaze import about_tool
 
 Array = NDArray[np.float64]
 
@@ -50,6 +54,9 @@ KIND: Final = "gmr_response"
 
 _MOVES: Final = (0.01, np.radians(2.0))
 """An object that moves less than this, by its standard deviation, shows nothing [m, rad]."""
+
+_FARTHEST: Final = np.radians(150.0)
+"""Largest turn from the mean: half a turn on, a rotation vector jumps [rad]."""
 
 _STAYS: Final = np.radians(0.1)
 """A joint that moves less than this, by its standard deviation, is taken to stay [rad]."""
@@ -74,23 +81,53 @@ def coordinates_of(poses: ArrayLike, mean: Array) -> Array:
     return np.hstack([poses[:, :3, 3] - mean[:3, 3], turns])
 
 
+def contacts_of(person: IkResponse, postures: Array) -> tuple[Array, Array]:
+    """Return the poses of contact frame and pelvis, (n, 4, 4) each, at postures (n, 32)."""
+    found = person.contact().map(len(postures))(postures.T)
+    contact, pelvis = (np.array(part).reshape(4, -1, 4).transpose(1, 0, 2) for part in found)
+    return contact, pelvis
+
+
+def _rolled(poses: Array, contacts: Array) -> Array:
+    """Return poses (n, 4, 4), turned about their tool's axis to the hands, see `GmrResponse`."""
+    apart = np.swapaxes(poses[:, :3, :3], 1, 2) @ contacts[:, :3, :3]
+    roll = np.arctan2(apart[:, 2, 1] - apart[:, 1, 2], apart[:, 1, 1] + apart[:, 2, 2])
+    rolled = poses.copy()
+    rolled[:, :3, :3] @= Rotation.from_euler("x", roll[:, np.newaxis]).as_matrix()
+    return rolled
+
+
+def _independent(columns: Array) -> float:
+    """Return the share of the rows of a recording (n, d) that counts as independent.
+
+    Rows that follow each other are alike. It is one over the integral of the autocorrelation up to
+    its first zero.
+    """
+    spectrum = np.fft.rfft(columns - columns.mean(axis=0), 2 * len(columns), axis=0)
+    alike = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[: len(columns)].sum(axis=1)
+    ends = np.append(alike, 0.0) <= 0
+    return float(alike[0] / (alike[0] + 2 * alike[1 : int(np.argmax(ends))].sum()))
+
+
 @dataclass(frozen=True, eq=False)
 class GmrResponse:
     """S(q) = dq/dx_r of a Gaussian mixture over (x_r, q, V), eq. 2.8 of the EPFL report.
 
-    Where the object is follows from the posture, by the grip of a model person. The step keeps all
-    limits of the object with it as with any response. It is for study: it repeats the postures of
-    its recording, and it leads to worse postures than the prior `IkResponse`
-    (`notebooks/07_second_model`).
+    x_r is the pose of the contact frame. In the control step it follows from the posture, by the
+    `contact` of a model person. If the hand may turn about the tool's axis, that turn is the hand's
+    and not the object's. The step keeps all limits of the object with it as with any response. It
+    is for study: it says nothing of postures and directions that were not recorded, S is zero
+    there, and `notebooks/07_second_model` compares it with the model person.
 
     Attributes:
-        person: model person whose `contact` is the pose x_r of a posture.
+        person: model person with the body, the hands and the tool of the recording.
         mixture: Gaussians over x_r (6), the joints, and V.
         joints: joints that move with the object, in the order of the mixture's columns.
         mean: pose (4, 4) that x_r is relative to, see `coordinates_of`.
 
     Raises:
-        ModelError: if the mixture has a wrong number of columns, or a joint does not exist.
+        ModelError: if the mixture has a wrong number of columns, or no density over x_r.
+        InputError: if a joint does not exist, or the mean is no rigid motion.
 
     Source:
         EPFL semester report, "Learning ergonomic human-robot interaction", section 3.2 and
@@ -107,16 +144,22 @@ class GmrResponse:
 
     def __post_init__(self) -> None:
         """Check that the parts fit together."""
-        check_kind("person", self.person, IkResponse, "an IkResponse", ModelError)
-        object.__setattr__(self, "joints", tuple(self.joints))
-        columns, wanted = self.mixture.means.shape[1], 7 + len(self.joints)
-        if columns != wanted or not set(self.joints) <= set(JOINTS):
+        check_kind("person", self.person, IkResponse, "an IkResponse")
+        check_kind("mixture", self.mixture, MixtureRegression, "a MixtureRegression")
+        allowed = "names of ergoqp.JOINTS, each once"
+        joints = names_of("joints", self.joints, allowed)
+        if not set(joints) <= set(JOINTS) or len(set(joints)) < len(joints):
+            raise InputError(f"joints: got {shown(joints)}, allowed {allowed}")
+        columns, wanted = self.mixture.means.shape[1], 7 + len(joints)
+        if columns != wanted:
             raise ModelError(
-                f"gmr response: got a mixture of {columns} columns for the joints"
-                f" {', '.join(self.joints)}, allowed {wanted} columns (x_r, these joints, V) and"
-                " joints of ergoqp.JOINTS"
+                f"gmr response: got a mixture of {columns} columns, allowed {wanted}: x_r,"
+                f" {len(joints)} joints, V"
             )
-        object.__setattr__(self, "mean", np.asarray(self.mean, dtype=float))
+        object.__setattr__(self, "joints", joints)
+        read_pose("mean", self.mean)
+        object.__setattr__(self, "mean", np.array(self.mean, dtype=float))
+        _ = self.regression  # what has no density is found here and not in the loop
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields only; another process builds the expressions again."""
@@ -137,50 +180,60 @@ class GmrResponse:
     ) -> Self:
         """Fit by EM. The number of Gaussians is the one with the lowest BIC.
 
+        Rows of a recording that follow each other are alike, and BIC counts only as many as are
+        independent. With all of them it would take many more Gaussians, which know the recording
+        and nothing else.
+
         Args:
-            postures: recorded (n, 32) [rad].
-            poses: pose of the object in each (n, 4, 4), in the world of the person's `contact` [m].
+            postures: recorded (n, 32), in the order of time [rad].
+            poses: pose of the object in each (n, 4, 4), in the world of the person's `contact`. Its
+                frame is the contact frame [m].
             cost: V~, the first model; it gives the cost (n,) of postures.
-            person: model person that tells where the object is in a posture.
+            person: model person with the body, the hands and the tool of the recording.
             components: numbers of Gaussians to choose from, or one.
             seed: seed of the starts.
             regularisation: added to every variance, as a share of the column's.
             progress: called with the share that is done.
 
         Raises:
-            InputError: if the arrays do not fit together, the object or the person never moves, or
-                there are fewer frames than one Gaussian needs.
+            InputError: if the arrays do not fit together, the object or the person never moves, the
+                object turns too far, or there are fewer frames than one Gaussian needs.
             MissingExtraError: if scikit-learn is not installed.
         """
-        count = len(np.atleast_1d(np.asarray(postures)))
+        count = len(table_of_numbers("postures", postures, InputError))
         postures = read_array("postures", postures, (count, len(JOINTS)), "numbers (n, 32)")
         poses = read_array("poses", poses, (count, 4, 4), f"poses ({count}, 4, 4)")
         if count < 2:
             raise InputError(f"postures: got {count} frames, allowed some for each Gaussian")
         check_whole("seed", seed, 0, LARGEST_SEED)
         check_number("regularisation", regularisation, 1e-9, 1.0)
-        several = [components] if isinstance(components, int) else list(components)
-        for each in several:
+        several = components if isinstance(components, list | tuple | range) else [components]
+        for each in several or [None]:
             check_whole("components", each, 1)
-        rotations = poses[:, :3, :3]
-        if not np.allclose(rotations @ np.swapaxes(rotations, 1, 2), np.eye(3), atol=1e-3):
-            raise InputError("poses: got a matrix that is no rigid motion, allowed rigid motions")
+        poses = np.array([read_pose("poses", pose) for pose in poses])
+        x = coordinates_of(poses, mean_pose(poses))
+        moves, turns = (float(np.sqrt(np.var(part, axis=0).sum())) for part in (x[:, :3], x[:, 3:]))
+        if moves < _MOVES[0] and turns < _MOVES[1]:
+            raise InputError(
+                f"object: it moves by {1e3 * moves:.1f} mm and {np.degrees(turns):.1f} deg, which"
+                " shows nothing of how the posture follows it; allowed a standard deviation from"
+                f" {1e3 * _MOVES[0]:g} mm or {np.degrees(_MOVES[1]):g} deg on"
+            )
+        if person.free_about_tool:
+            poses = _rolled(poses, contacts_of(person, postures)[0])
         mean = mean_pose(poses)
         x = coordinates_of(poses, mean)
-        spread = [float(np.sqrt(np.var(part, axis=0).sum())) for part in (x[:, :3], x[:, 3:])]
-        if spread[0] < _MOVES[0] and spread[1] < _MOVES[1]:
+        farthest = float(np.linalg.norm(x[:, 3:], axis=1).max())
+        if farthest > _FARTHEST:
             raise InputError(
-                f"object: it moves by {1e3 * spread[0]:.1f} mm and {np.degrees(spread[1]):.1f} deg"
-                " (standard deviation), which shows nothing of how the posture follows it; allowed"
-                f" from {1e3 * _MOVES[0]:g} mm or {np.degrees(_MOVES[1]):g} deg on"
+                f"object: it turns by {np.degrees(farthest):.0f} deg from its mean, allowed up to"
+                f" {np.degrees(_FARTHEST):.0f} deg: take a part of the recording"
             )
-        joints = tuple(
-            name for name, moves in zip(JOINTS, postures.std(axis=0), strict=True) if moves > _STAYS
-        )
-        if not joints:
+        moved = np.flatnonzero(postures.std(axis=0) > _STAYS)
+        if not moved.size:
             raise InputError("postures: no joint moves, which shows nothing of how they follow")
-        values = np.asarray(cost(postures), dtype=float)
-        columns = np.column_stack([x, postures[:, [INDEX[name] for name in joints]], values])
+        values = read_array("cost", cost(postures), (count,), f"{count} numbers, one per posture")
+        columns = np.column_stack([x, postures[:, moved], values])
         least = columns.shape[1] + 2
         fitting = [each for each in several if each * least <= count]
         if not fitting:
@@ -190,20 +243,33 @@ class GmrResponse:
             )
         # Columns of several units: each in its own standard deviation.
         scale = np.maximum(columns.std(axis=0), 1e-6)
-        found = []
+        columns /= scale
+        share, found = _independent(columns[:, :6]), {}
         for each, done in zip(fitting, np.cumsum(fitting), strict=True):
-            found.append(estimate(columns / scale, each, seed, "full", regularisation, "kmeans"))
+            fitted = estimate(columns, each, seed, "full", regularisation, "kmeans")
+            likelihood = 2 * count * fitted.score(columns)
+            size = (fitted.bic(columns) + likelihood) / np.log(count)
+            found[size * np.log(max(2, count * share)) - share * likelihood] = fitted
             progress(float(done / sum(fitting)))
-        best = mixture_of(min(found, key=lambda one: one.bic(columns / scale)))
+        best = mixture_of(found[min(found)])
         mixture = MixtureRegression(
             best.weights, best.means * scale, best.covariances * np.outer(scale, scale)
         )
-        return cls(person, mixture, joints, mean)
+        return cls(person, mixture, tuple(JOINTS[joint] for joint in moved), mean)
 
     @cached_property
     def regression(self) -> Conditional:
         """The regression of (q, V) on x_r, eq. 2.5 to 2.8, for arrays of `coordinates_of`."""
         return self.mixture.split(range(6), range(6, 7 + len(self.joints)))
+
+    def x_r(self, postures: Array, poses: Array) -> Array:
+        """Return x_r (n, 6) of recorded postures (n, 32) and poses of the object (n, 4, 4).
+
+        As `fit` takes them: about a free tool the hand's turn counts.
+        """
+        if self.person.free_about_tool:
+            poses = _rolled(poses, contacts_of(self.person, postures)[0])
+        return coordinates_of(poses, self.mean)
 
     def prediction(self, pose: ca.MX) -> Prediction:
         """Return joints and V (m + 1,) at a pose (4, 4) with covariance and derivative.
@@ -218,11 +284,8 @@ class GmrResponse:
         """Return ``pose (4, 4) -> (dq/dx_r (32, 6), dV/dx_r (1, 6))`` along a twist, eq. 2.8."""
         pose = ca.MX.sym("pose", 4, 4)
         derivative = self.prediction(pose).derivative
-        # Joints that do not move take the row of zeros that is put below.
-        rows = ca.vertcat(derivative[:-1, :], ca.MX.zeros(1, 6))
-        at = [self.joints.index(name) if name in self.joints else -1 for name in JOINTS]
-        last = rows.shape[0] - 1
-        S = rows[[last if number < 0 else number for number in at], :]
+        rows = ca.DM(np.eye(len(JOINTS))[:, [INDEX[joint] for joint in self.joints]])
+        S = ca.densify(ca.sparsify(rows) @ derivative[:-1, :])
         return ca.Function("slopes", [pose], [S, derivative[-1, :]], ["pose"], ["S", "dV"])
 
     @property
@@ -251,8 +314,8 @@ class GmrResponse:
     def sensitivity(self) -> ca.Function:
         """Return ``(q (32,), locked (32,)) -> (S (32, 6), E (6, 6))``.
 
-        E is I - J S with the Jacobian J of the grip: where the mixture moves the joints otherwise
-        than the object moves, the hand would leave it.
+        With the Jacobian J of the contact, E is I - J S without turns about a free tool: the hand
+        leaves the object by so much where the mixture moves it otherwise.
         """
         return self._sensitivity
 
@@ -260,20 +323,22 @@ class GmrResponse:
     def _sensitivity(self) -> ca.Function:
         q = ca.SX.sym("q", len(JOINTS))
         pose = self.contact()(q)[0]
-        turns = ca.jacobian(ca.vec(pose[:3, :3]), q)
+        rotation, turns = pose[:3, :3], ca.jacobian(ca.vec(pose[:3, :3]), q)
         turning = [
-            ca.inv_skew(ca.reshape(turns[:, joint], 3, 3) @ pose[:3, :3].T)
+            ca.inv_skew(ca.reshape(turns[:, joint], 3, 3) @ rotation.T)
             for joint in range(len(JOINTS))
         ]
         J = ca.vertcat(ca.jacobian(pose[:3, 3], q), ca.horzcat(*turning))
-        geometry = ca.Function("geometry", [q], ca.cse([pose, ca.densify(J)]))
-        state, held = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
-        here, jacobian = geometry(state)
-        S = self.slopes()(here)[0] * ca.repmat(1 - held, 1, 6)
+        kept = ca.SX.eye(6) - about_tool(rotation[:, 0], self.person.free_about_tool)
+        parts = ca.cse([pose, ca.densify(kept), ca.densify(kept @ J)])
+        geometry = ca.Function("geometry", [q], parts)
+        state, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
+        here, kept, jacobian = geometry(state)
+        S = self.slopes()(here)[0] * ca.repmat(1 - locked, 1, 6)
         return ca.Function(
             "sensitivity",
-            [state, held],
-            [ca.densify(S), ca.MX.eye(6) - jacobian @ S],
+            [state, locked],
+            [S, kept - jacobian @ S],
             ["q", "locked"],
             ["sensitivity", "unmet"],
         )
@@ -284,7 +349,8 @@ class GmrResponse:
         moved = shifted(here, twist)
         turn = moved[:3, :3] @ mean[:3, :3].T
         axis = ca.inv_skew(turn - turn.T) / 2
-        sine = ca.sqrt(ca.sumsqr(axis) + 1e-30)
+        # No division by zero, at the mean and half a turn from it.
+        sine = ca.sqrt(ca.sumsqr(axis) + 1e-12)
         angle = ca.atan2(sine, (ca.trace(turn) - 1) / 2)
         x = ca.vertcat(moved[:3, 3] - mean[:3, 3], axis / sine * angle)
         both = [x, ca.densify(ca.jacobian(x, twist))]
@@ -319,10 +385,9 @@ class GmrResponse:
                 f"{Path(path).name}: holds a model of kind {header.get('kind')!r}, allowed {KIND!r}"
             )
         try:
-            mean = np.asarray(arrays.pop("mean"), dtype=float).reshape(4, 4)
-            person = response_from_dict(header["person"])
-            return cls(person, MixtureRegression(**arrays), tuple(header["joints"]), mean)
-        except (KeyError, TypeError, ValueError) as error:
+            mean, person = arrays.pop("mean"), response_from_dict(header["person"])
+            return cls(person, MixtureRegression(**arrays), header["joints"], mean)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ModelError(
                 f"{Path(path).name}: does not hold what a model of kind {KIND!r} needs"
                 f" ({last_line(error)})"

@@ -150,7 +150,10 @@ def test_fit_a_response_to_a_recording_and_to_a_run(ergoqp, tmp_path):
     run.save(tmp_path / "run")
     outcome = ergoqp("fit", "response", "run", "--out", "here", *quick)
     assert outcome.status == 0, outcome.err
-    assert "300 frames" in outcome.out
+    assert "2 Gaussians" in outcome.out
+    brief = ergoqp("fit", "response", "demo.bvh", "--by-hand", "--window", "0:1.2", *quick[:2])
+    assert brief.status == 0, brief.err
+    assert "too short to keep a part of it apart: postures: got 2" in brief.out
     assert GmrResponse.load(tmp_path / "here" / "response.npz").person.body == run.body
 
 
@@ -158,12 +161,18 @@ def test_fit_a_response_to_a_recording_and_to_a_run(ergoqp, tmp_path):
     ("arguments", "said"),
     [
         ((), "recording: got none, allowed a recording or the folder of a run"),
-        (("absent.bvh",), "absent.bvh: no such file"),
+        (
+            ("absent.bvh",),
+            "recording: got absent.bvh: no such file, allowed a recording or the folder",
+        ),
         (("demo.bvh",), "recording: has no held object; name one with --thing, or let the hand"),
         ((".",), "recording: got the folder ., allowed one that a run was saved in"),
         (("demo.bvh", "--problem", "forearm"), "problem forearm: moves elbow_x"),
         (("demo.bvh", "--by-hand", "--set", "components=900"), "postures: got"),
-        (("demo.bvh", "--by-hand", "--window", "0:0.01"), "postures: got 0 frames"),
+        (("demo.bvh", "--by-hand", "--set", "components=[]"), "components: got None, allowed"),
+        (("demo.bvh", "--by-hand", "--set", "seed=-3"), "seed: got -3"),
+        (("demo.bvh", "--by-hand", "--data", "forearm"), "--data: got 'forearm', allowed postures"),
+        (("demo.bvh", "--by-hand", "--window", "0:0.01"), "frames, allowed some for each Gaussian"),
         (("demo.bvh", "--set", "person=1"), "--set: got 'person=1', allowed NAME=VALUE"),
     ],
 )

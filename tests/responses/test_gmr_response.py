@@ -21,6 +21,7 @@ from ergoqp.learning.mixtures import MixtureRegression
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.problem.geometry import pose_error, turned
 from ergoqp.problem.load import load_problem, problem_from_dict
+from ergoqp.responses import gmr
 from ergoqp.responses.gmr import GmrResponse, coordinates_of, mean_pose
 from ergoqp.responses.ik import IkResponse
 
@@ -107,7 +108,8 @@ def test_a_posture_that_follows_linearly_is_followed_as_it_does() -> None:
     def cost(rows: np.ndarray) -> np.ndarray:
         return 3.0 - 2.0 * rows[:, ARM[0]]
 
-    found = GmrResponse.fit(postures, poses, cost, person(), components=1, regularisation=1e-9)
+    firm = replace(person(), free_about_tool=False)
+    found = GmrResponse.fit(postures, poses, cost, firm, components=1, regularisation=1e-9)
     assert found.joints == (JOINTS[ARM[0]],)
     S, dV = (np.array(part) for part in found.slopes()(mean_pose(poses)))
     np.testing.assert_allclose(S[ARM[0]], slope, atol=1e-3)
@@ -131,34 +133,65 @@ def test_where_the_object_is_follows_from_the_posture() -> None:
         step = 1e-6 * np.eye(32)[joint]
         ends = (np.array(person().contact()(q + each)[0]) for each in (-step, step))
         J[:, joint] = pose_error(*ends) / 2e-6
-    np.testing.assert_allclose(E, np.eye(6) - J @ S, atol=1e-7)
+    # The hand may turn about the tool.
+    assert person().free_about_tool
+    kept = np.eye(6)
+    kept[3:, 3:] -= np.outer(here[:3, 0], here[:3, 0])
+    np.testing.assert_allclose(E, kept @ (np.eye(6) - J @ S), atol=1e-7)
+    firm = replace(model(), person=replace(person(), free_about_tool=False))
+    found = np.array(firm.sensitivity()(q, locked)[1])
+    np.testing.assert_allclose(found, np.eye(6) - J @ S, atol=1e-7)
 
 
-def test_bic_takes_as_many_gaussians_as_there_are() -> None:
-    postures, poses = recorded(800)
-    one = GmrResponse.fit(*linear(800), value, person(), components=(1, 2, 4))
-    assert len(one.mixture.weights) == 1
-    apart = poses.copy()
-    apart[400:, 0, 3] += 0.5
-    two = GmrResponse.fit(postures, apart, value, person(), components=(1, 2))
-    assert len(two.mixture.weights) == 2
-    # More Gaussians than the frames can fill are not tried.
-    few = GmrResponse.fit(postures[:30], poses[:30], value, person(), components=(1, 24))
-    assert len(few.mixture.weights) == 1
+def test_how_the_hand_turns_about_the_tool_is_not_taken_from_the_object() -> None:
+    """What the response is asked at is the contact of a posture: so it has to be what it learns."""
+    postures, contacts = recorded()
+    rng = np.random.default_rng(8)
+    rolls = np.array([turned(np.eye(3), [angle, 0.0, 0.0]) for angle in 0.3 * rng.normal(size=400)])
+    poses = contacts.copy()
+    poses[:, :3, :3] = contacts[:, :3, :3] @ rolls
+    rolled = GmrResponse.fit(postures, poses, value, person(), components=2)
+    plain = GmrResponse.fit(postures, contacts, value, person(), components=2)
+    np.testing.assert_allclose(rolled.mixture.means, plain.mixture.means, atol=1e-6)
+    firm = replace(person(), free_about_tool=False)
+    other = GmrResponse.fit(postures, poses, value, firm, components=2)
+    assert np.abs(other.mixture.means - plain.mixture.means).max() > 0.02
 
 
-def linear(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """A recording that is one Gaussian."""
+def linear(count: int, keeps: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A recording that is one Gaussian, of frames that keep a part of the one before."""
     rng = np.random.default_rng(5)
-    x = 0.05 * rng.normal(size=(count, 6))
+    wander = np.zeros((count, 9))
+    for number in range(1, count):
+        fresh = np.sqrt(1 - keeps**2) * rng.normal(size=9)
+        wander[number] = keeps * wander[number - 1] + fresh
+    x = 0.05 * wander[:, :6]
     centre = np.array(person().contact()(person().comfort)[0])
     postures = np.tile(person().comfort, (count, 1))
-    postures[:, ARM] += x[:, :3] + 0.02 * rng.normal(size=(count, 3))
+    postures[:, ARM] += x[:, :3] + 0.02 * wander[:, 6:]
     return postures, np.array([moved(centre, each) for each in x])
 
 
-def test_it_does_not_look_at_the_axes_that_it_was_recorded_in() -> None:
-    """x_r is relative to the mean pose: the mean of turned poses is the turned mean."""
+def test_bic_takes_as_many_gaussians_as_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    firm = replace(person(), free_about_tool=False)
+
+    def count(rows: tuple[np.ndarray, np.ndarray], components: tuple[int, ...]) -> int:
+        return len(GmrResponse.fit(*rows, value, firm, components).mixture.weights)
+
+    postures, poses = recorded(800)
+    apart = poses.copy()
+    apart[::2, 0, 3] += 0.5
+    assert count(linear(800), (1, 2, 4)) == 1
+    assert count((postures, apart), (1, 2)) == 2
+    # More Gaussians than the frames can fill are not tried.
+    assert count((postures[:30], poses[:30]), (1, 24)) == 1
+    # Frames that are nearly those before them are no evidence for more.
+    assert count(linear(800, keeps=0.97), (1, 2, 4)) == 1
+    monkeypatch.setattr(gmr, "_independent", lambda columns: 1.0)
+    assert count(linear(800, keeps=0.97), (1, 2, 4)) == 4
+
+
+def test_x_r_is_relative_to_the_mean_pose_along_the_axes_of_the_world() -> None:
     poses = recorded(50)[1]
     mean, turn = mean_pose(poses), np.eye(4)
     turn[:3, :3] = turned(np.eye(3), np.array([0.3, -0.2, 1.0]))
@@ -186,18 +219,34 @@ def test_a_saved_model_gives_the_same_numbers(tmp_path: Path) -> None:
     assert problem.task["seated"] is False
 
 
+def spun() -> np.ndarray:
+    """Poses of which a few turn by 170 degrees about the vertical."""
+    poses = recorded()[1]
+    mean = mean_pose(poses)
+    poses[-1, :3, :3] = turned(mean[:3, :3], np.array([0.0, 0.0, np.radians(170.4)]))
+    return poses
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"poses": np.tile(np.eye(4), (400, 1, 1))}, "object: it moves by 0.0 mm and 0.0 deg"),
-        ({"poses": np.zeros((400, 4, 4))}, "poses: got a matrix that is no rigid motion"),
+        ({"poses": np.zeros((400, 4, 4))}, "poses: got a pose that is not a rigid motion"),
+        ({"poses": np.tile(np.diag([1, 1, -1, 1.0]), (400, 1, 1))}, "poses: got a pose that is"),
+        ({"poses": spun()}, "object: it turns by 17"),
+        ({"cost": lambda q: 1.0}, "cost: got"),
+        ({"cost": lambda q: np.full(len(q), np.nan)}, "cost: got"),
         ({"poses": np.tile(np.eye(4), (3, 1, 1))}, "poses: got"),
         ({"postures": np.zeros((400, 32))}, "postures: no joint moves"),
+        ({"postures": [[1.0], [1.0, 2.0]]}, "postures: got"),
         ({"postures": np.zeros((400, 3))}, "postures: got"),
         ({"postures": None}, "postures: got"),
         ({"postures": np.full((400, 32), np.nan)}, "postures: got"),
         ({"postures": np.zeros((1, 32)), "poses": np.eye(4)[None]}, "postures: got 1 frames"),
         ({"components": 0}, "components: got 0"),
+        ({"components": []}, "components: got None"),
+        ({"components": 2.5}, "components: got 2.5"),
+        ({"components": None}, "components: got None"),
         (
             {"components": 40},
             "postures: got 400 frames, allowed at least 520: 13 for each Gaussian",
@@ -208,21 +257,32 @@ def test_a_saved_model_gives_the_same_numbers(tmp_path: Path) -> None:
 )
 def test_what_shows_nothing_is_refused(change: dict[str, Any], message: str) -> None:
     postures, poses = recorded()
-    given: dict[str, Any] = {"postures": postures, "poses": poses, "components": 4} | change
+    given: dict[str, Any] = {"postures": postures, "poses": poses, "components": 4, "cost": value}
     with pytest.raises(InputError) as found:
-        GmrResponse.fit(cost=value, person=person(), **given)
+        GmrResponse.fit(person=person(), **given | change)
     assert str(found.value).startswith(message)
     assert "\n" not in str(found.value)
 
 
 def test_parts_that_do_not_fit_together_are_refused(tmp_path: Path) -> None:
     mixture = MixtureRegression(np.ones(1), np.zeros((1, 9)), np.eye(9)[None])
-    with pytest.raises(ModelError, match="a mixture of 9 columns for the joints trunk_flexion"):
+    two: Any = ("trunk_flexion", "trunk_twist")
+    with pytest.raises(ModelError, match="a mixture of 9 columns, allowed 8: x_r, 1 joints, V"):
         GmrResponse(person(), mixture, ("trunk_flexion",), np.eye(4))
-    with pytest.raises(ModelError, match=r"joints of ergoqp\.JOINTS"):
-        GmrResponse(person(), mixture, ("trunk_flexion", "tail"), np.eye(4))
-    with pytest.raises(ModelError, match="person"):
-        GmrResponse(None, mixture, ("trunk_flexion", "trunk_twist"), np.eye(4))  # type: ignore
+    for given, message in (
+        ((person(), mixture, ("trunk_flexion", "tail"), np.eye(4)), "joints: got"),
+        ((person(), mixture, ("trunk_flexion",) * 2, np.eye(4)), "joints: got"),
+        ((person(), mixture, None, np.eye(4)), "joints: got None"),
+        ((None, mixture, two, np.eye(4)), "person: got None"),
+        ((person(), None, two, np.eye(4)), "mixture: got None"),
+        ((person(), mixture, two, 2 * np.eye(4)), "mean: got"),
+        ((person(), mixture, two, np.full((4, 4), np.nan)), "mean: got"),
+    ):
+        with pytest.raises(InputError, match=message):
+            GmrResponse(*given)  # type: ignore[arg-type]
+    flat = MixtureRegression(np.ones(1), np.zeros((1, 9)), np.zeros((1, 9, 9)))
+    with pytest.raises(ModelError, match="has no variance"):
+        GmrResponse(person(), flat, two, np.eye(4))
     path = tmp_path / "response.npz"
     model().save(path)
     header, arrays = load_model(path)
@@ -231,7 +291,8 @@ def test_parts_that_do_not_fit_together_are_refused(tmp_path: Path) -> None:
             ({**header, "kind": "gmr"}, arrays),
             "holds a model of kind 'gmr', allowed 'gmr_response'",
         ),
-        (({**header, "joints": ["tail"]}, arrays), "mixture of"),
+        (({**header, "joints": ["tail"]}, arrays), "joints: got"),
+        (({**header, "joints": 3}, arrays), "does not hold what"),
         (({**header, "person": {}}, arrays), "does not hold what a model of kind 'gmr_response'"),
         ((header, {k: v for k, v in arrays.items() if k != "mean"}), "does not hold what"),
         ((header, {**arrays, "mean": np.zeros(3)}), "does not hold what"),
