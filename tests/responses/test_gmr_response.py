@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,9 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 from step_samples import problem_of
 
+from benchmarks.second_model import conditional_mean, errors_of
 from ergoqp.errors import InputError, ModelError
 from ergoqp.joints import INDEX, JOINTS
 from ergoqp.learning.mixtures import MixtureRegression
@@ -59,41 +58,23 @@ def moved(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
     return after
 
 
-def called(which: GmrResponse) -> Callable[[np.ndarray], list[np.ndarray]]:
-    pose = ca.MX.sym("pose", 4, 4)
-    function = ca.Function("prediction", [pose], list(which.prediction(pose)))
-    return lambda at: [np.array(part) for part in function(at)]
-
-
 def test_joints_and_cost_at_a_pose_are_the_conditional_mean_of_the_mixture() -> None:
-    mixture, call = model().mixture, called(model())
-    assert len(mixture.weights) == 4
-    for pose in recorded(10, seed=1)[1]:
-        x = coordinates_of(pose[None], model().mean)[0]
-        shares, parts = [], []
-        for weight, mean, covariance in zip(
-            mixture.weights, mixture.means, mixture.covariances, strict=True
-        ):
-            own = covariance[:6, :6]
-            shares.append(weight * multivariate_normal.pdf(x, mean[:6], own))
-            parts.append(mean[6:] + covariance[6:, :6] @ np.linalg.solve(own, x - mean[:6]))
-        expected = np.array(shares) / sum(shares) @ np.array(parts)
-        mean, spread, _ = call(pose)
-        np.testing.assert_allclose(mean.ravel(), expected, atol=1e-10)
-        np.testing.assert_allclose(spread, model().regression.covariance(x)[0], atol=1e-10)
-
-
-def test_the_derivative_is_that_of_the_prediction_along_a_twist_of_the_world() -> None:
-    call = called(model())
-    for pose in recorded(5, seed=2)[1]:
-        exact, numeric = call(pose)[2], []
-        for axis in np.eye(6):
-            near, far = (
-                (call(moved(pose, h * axis))[0] - call(moved(pose, -h * axis))[0]) / (2 * h)
-                for h in (1e-5, 2e-5)
-            )
-            numeric.append((4 * near - far).ravel() / 3)
-        np.testing.assert_allclose(exact, np.column_stack(numeric), atol=1e-8 * abs(exact).max())
+    """And the derivative is that of them along a twist of the world."""
+    assert len(model().mixture.weights) == 4
+    derivative, call, shared = np.max(list(errors_of(model())), axis=0)
+    assert derivative < 1e-8
+    assert call < 1e-10
+    assert shared > 0.3
+    pose = ca.MX.sym("pose", 4, 4)
+    function = ca.Function("prediction", [pose], list(model().prediction(pose)))
+    for at in recorded(10, seed=1)[1]:
+        x = coordinates_of(at[None], model().mean)
+        np.testing.assert_allclose(
+            np.array(function(at)[1]), model().regression.covariance(x)[0], atol=1e-10
+        )
+        np.testing.assert_allclose(
+            np.array(function(at)[0]).ravel(), conditional_mean(model(), x[0]), atol=1e-10
+        )
 
 
 def test_a_posture_that_follows_linearly_is_followed_as_it_does() -> None:
@@ -311,4 +292,4 @@ def test_the_step_keeps_the_objects_limits_with_it() -> None:
     tally = run_chunk((3, 500), of=problem)
     assert tally.steps == 500
     assert tally.counts["unsafe"] == tally.counts["exceptions"] == 0
-    assert tally.statuses["optimal"] > 20
+    assert tally.answered == tally.judged > 50
