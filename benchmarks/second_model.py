@@ -1,10 +1,11 @@
 """The second model of the EPFL report, and the controllers that follow from it, beside the QP.
 
 Run ``python -m benchmarks.second_model [--quick | --full] [--json FILE]``. People who are not the
-controller's model are recorded for five minutes each (100 s by default), in the problem ``screwing``, while the object
-is carried to random places. A mixture over (x_r, q, V~) is fitted to each recording
-(`ergoqp.responses.gmr`), with V~ by the report's first model (`ergoqp.costs.gmr`). Every person
-then begins at a bad place, and every way of moving the object is judged by the score of their rest.
+controller's model are recorded for five minutes each (100 s by default), in the problem
+``screwing``, while the object is carried to random places. A mixture over (x_r, q, V~) is fitted to
+each recording (`ergoqp.responses.gmr`), with V~ by the report's first model (`ergoqp.costs.gmr`).
+Every person then begins at a bad place, and every way of moving the object is judged by the score
+of their rest.
 
 - ``derivative_error``: eq. 2.8 against central differences, in parts of the largest entry, and
   ``call_error``: the expression of q and V against a conditional mean in plain NumPy with densities
@@ -26,10 +27,11 @@ then begins at a bad place, and every way of moving the object is judged by the 
   algorithm 1 trained on eq. 3.3; where the person lets go, no better than the start.
   ``left_share``: share of the steps in which it left speed, acceleration, axes, workspace, tool
   axis, or a range or rate of the joints by the controller's model. ``lost``: share of the starts at
-  which the person let go. All with ``.WAY`` of the others: ``still``; ``rule``, a rule of thumb; ``qp`` with the
-  model person; ``qp_gmr``, the same QP with the mixture; ``nominal_gradient`` with the model person
-  and the smooth score; ``gradient`` with both mixtures (eq. 3.3). Policy and gradients are kept
-  within the object's limits by the baseline's own clipping; ``raw_policy`` is not.
+  which the person let go. All with ``.WAY`` of the others: ``still``; ``rule``, a rule of thumb;
+  ``qp`` with the model person; ``qp_gmr``, the same QP with the mixture; ``nominal_gradient`` with
+  the model person and the smooth score; ``gradient`` with both mixtures (eq. 3.3). Policy and
+  gradients are kept within the object's limits by the baseline's own clipping; ``raw_policy`` is
+  not.
 - ``broken``: limits broken, and calls that raised, in a short fuzz of the step with the mixture as
   response; ``steps`` of it.
 - ``recording.*``: the same of a real recording, in which the right hand stands for x_r; printed if
@@ -148,7 +150,7 @@ def teach(problem: Problem, person: Any, postures: Array, poses: Array, per_scor
     sample = later[:: max(1, len(later) // 60)]
 
     def directions(function: Any) -> Array:
-        return unit_twists(problem, np.array([np.ravel(function(q)) for q in sample]))
+        return unit_twists(problem, np.array([np.array(function(q)).ravel() for q in sample]))
 
     answers = unit_twists(problem, twists_of(problem, sample))
     wanted = directions(downhill(first, part))

@@ -207,8 +207,9 @@ class GmrResponse:
             raise InputError(f"postures: got {count} frames, allowed some for each Gaussian")
         check_whole("seed", seed, 0, LARGEST_SEED)
         check_number("regularisation", regularisation, 1e-9, 1.0)
-        several = components if isinstance(components, list | tuple | range) else [components]
-        for each in several or [None]:
+        listed = isinstance(components, list | tuple | range)
+        several: Sequence[Any] = (components if listed else [components]) or [None]
+        for each in several:
             check_whole("components", each, 1)
         poses = np.array([read_pose("poses", pose) for pose in poses])
         x = coordinates_of(poses, mean_pose(poses))
