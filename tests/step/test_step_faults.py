@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,12 +11,10 @@ import pytest
 from ergoqp.step.causes import Fault, fault_of, fault_sentence
 
 
+@cache
 def named() -> ca.Function:
     fit, Y, y = ca.SX.sym("fit", 5), ca.SX.sym("Y", 6), ca.SX.sym("y", 6)
     return ca.Function("fault", [fit, Y, y], [fault_of(fit, Y, y)])
-
-
-NAMED = named()
 
 
 def of(sent: np.ndarray, seen: np.ndarray, changes: np.ndarray) -> tuple[int, float]:
@@ -30,7 +30,7 @@ def of(sent: np.ndarray, seen: np.ndarray, changes: np.ndarray) -> tuple[int, fl
             (changes, seen),
         )
     ]
-    kind, amount = np.array(NAMED(products, sent.sum(axis=0), seen.sum(axis=0))).ravel()
+    kind, amount = np.array(named()(products, sent.sum(axis=0), seen.sum(axis=0))).ravel()
     return int(kind), float(amount)
 
 

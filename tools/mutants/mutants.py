@@ -82,8 +82,9 @@ TESTS: Final = (
     "tests/lab",
     "tests/solvers",
     "tests/datasets/test_posture_data.py",
+    "tests/docs/test_problem_page.py",
 )
-"""The tests that may notice; those of pages, recordings and commands would only add time."""
+"""The tests that may notice; those of other pages, recordings and commands would only add time."""
 
 PINNED: Final = "tests/step/test_pinned.py"
 
