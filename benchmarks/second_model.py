@@ -73,7 +73,7 @@ from ergoqp.mocap.load import load_recording
 from ergoqp.mocap.recorded import held_poses
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Frames
-from ergoqp.responses.gmr import GmrResponse, coordinates_of
+from ergoqp.responses.gmr import GmrResponse
 from ergoqp.rest.model_person import ModelPerson, person_of
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
@@ -139,7 +139,7 @@ def teach(problem: Problem, person: Any, postures: Array, poses: Array, per_scor
     part = GmrResponse.fit(postures[:begin], poses[:begin], first, person)
     columns = [INDEX[joint] for joint in part.joints]
     guesses = {
-        "": part.regression.mean(part.x_r(later, there))[:, :-1],
+        "": part.regression.mean(part.x_r(there))[:, :-1],
         ".mean": postures[:begin, columns].mean(axis=0),
         ".prior": rests(person, there)[:, columns],
     }
@@ -301,7 +301,7 @@ def errors_of(model: GmrResponse) -> Iterator[tuple[float, float, float]]:
                 for h in (1e-5, 2e-5)
             )
             columns.append((4 * near - far).ravel() / 3)
-        x = coordinates_of(here[np.newaxis], model.mean)
+        x = model.x_r(here[np.newaxis])
         yield (
             float(np.abs(exact - np.column_stack(columns)).max() / np.abs(exact).max()),
             float(np.abs(conditional_mean(model, x[0]) - mean.ravel()).max()),

@@ -78,7 +78,7 @@ of the other minutes, and the rest of the model person with the recorded body.
 """
 
 # %%
-x = model.x_r(unseen, elsewhere)
+x = model.x_r(elsewhere)
 guess = model.regression.mean(x)
 spread = np.sqrt(np.diagonal(model.regression.covariance(x), axis1=1, axis2=2))
 prior = np.array([ModelPerson(recorded).reach(pose)[0] for pose in elsewhere])

@@ -400,7 +400,7 @@ def fit_response(
         screen.print(Text(f"The recording is too short to keep a part of it apart: {error}"))
     else:
         joints = [JOINTS.index(name) for name in part.joints]
-        x = part.x_r(postures[begin:], poses[begin:])
+        x = part.x_r(poses[begin:])
         rows = []
         for name, guess in (
             ("second model", part.regression.mean(x)[:, :-1]),

@@ -20,7 +20,7 @@ from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.gmr import contacts_of, mean_pose
+from ergoqp.responses.gmr import mean_pose
 from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.options import TaskOptions
 
@@ -131,7 +131,8 @@ def held_poses(
     if not known.any():
         raise InputError("recording: no frame shows a posture and the object")
     postures = recording.postures[known]
-    contact, pelvis = contacts_of(response, postures)
+    found = response.contact().map(len(postures))(postures.T)
+    contact, pelvis = (np.array(part).reshape(4, -1, 4).transpose(1, 0, 2) for part in found)
     if by_hand or held is None:
         return postures, contact
     seen = pelvis @ np.linalg.inv(recording.base_poses[known]) @ held[known]
@@ -147,7 +148,7 @@ def held_poses(
             f" frames, allowed {_MOSTLY:.0%} or more: choose a part (--window), or the hand or the"
             " object that is meant"
         )
-    return postures[holds], seen[holds] @ mean_pose(grips[holds])
+    return postures[holds], seen[holds] @ mean_pose(grips[holds], response.free_about_tool)
 
 
 def planted(recording: Recording, frame: int) -> np.ndarray:

@@ -62,39 +62,42 @@ _STAYS: Final = np.radians(0.1)
 """A joint that moves less than this, by its standard deviation, is taken to stay [rad]."""
 
 
-def mean_pose(poses: ArrayLike) -> Array:
-    """Return the mean (4, 4) of poses (n, 4, 4): of their positions, and of their rotations."""
+def mean_pose(poses: ArrayLike, free: bool = False) -> Array:
+    """Return the mean (4, 4) of poses (n, 4, 4): of their positions, and of their rotations.
+
+    If they are `free` to turn about their x axis, the tool's, only the mean of this axis counts.
+    """
     poses = np.asarray(poses, dtype=float)
-    mean = np.eye(4)
+    mean, first, rotations = np.eye(4), poses[0, :3, :3], Rotation.from_matrix(poses[:, :3, :3])
     mean[:3, 3] = poses[:, :3, 3].mean(axis=0)
-    mean[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
+    mean[:3, :3] = rotations.mean().as_matrix()
+    if free:
+        axis = poses[:, :3, 0].mean(axis=0)
+        swing = _swings(axis[np.newaxis] / np.linalg.norm(axis), first[:, 0])
+        mean[:3, :3] = Rotation.from_rotvec(swing[0]).as_matrix() @ first
     return mean
 
 
-def coordinates_of(poses: ArrayLike, mean: Array) -> Array:
+def coordinates_of(poses: ArrayLike, mean: Array, free: bool = False) -> Array:
     """Return x_r (n, 6) of poses (n, 4, 4): position and rotation vector relative to a mean pose.
 
-    Both are along the axes of the world [m, rad].
+    Both are along the axes of the world [m, rad]. If the poses are `free` to turn about their x
+    axis, the tool's, the rotation is the shortest one between these axes.
     """
     poses = np.asarray(poses, dtype=float)
-    turns = Rotation.from_matrix(poses[:, :3, :3] @ mean[:3, :3].T).as_rotvec()
+    if free:
+        turns = _swings(poses[:, :3, 0], mean[:3, 0])
+    else:
+        turns = Rotation.from_matrix(poses[:, :3, :3] @ mean[:3, :3].T).as_rotvec()
     return np.hstack([poses[:, :3, 3] - mean[:3, 3], turns])
 
 
-def contacts_of(person: IkResponse, postures: Array) -> tuple[Array, Array]:
-    """Return the poses of contact frame and pelvis, (n, 4, 4) each, at postures (n, 32)."""
-    found = person.contact().map(len(postures))(postures.T)
-    contact, pelvis = (np.array(part).reshape(4, -1, 4).transpose(1, 0, 2) for part in found)
-    return contact, pelvis
-
-
-def _rolled(poses: Array, contacts: Array) -> Array:
-    """Return poses (n, 4, 4), turned about their tool's axis to the hands, see `GmrResponse`."""
-    apart = np.swapaxes(poses[:, :3, :3], 1, 2) @ contacts[:, :3, :3]
-    roll = np.arctan2(apart[:, 2, 1] - apart[:, 1, 2], apart[:, 1, 1] + apart[:, 2, 2])
-    rolled = poses.copy()
-    rolled[:, :3, :3] @= Rotation.from_euler("x", roll[:, np.newaxis]).as_matrix()
-    return rolled
+def _swings(axes: Array, axis: Array) -> Array:
+    """Return the shortest turns (n, 3) [rad] from a unit vector (3,) to others (n, 3)."""
+    across = np.cross(axis, axes)
+    sines = np.linalg.norm(across, axis=1)
+    angles = np.arctan2(sines, axes @ axis)
+    return across * (angles / np.maximum(sines, 1e-12))[:, np.newaxis]
 
 
 def _independent(columns: Array) -> float:
@@ -114,8 +117,8 @@ class GmrResponse:
     """S(q) = dq/dx_r of a Gaussian mixture over (x_r, q, V), eq. 2.8 of the EPFL report.
 
     x_r is the pose of the contact frame. In the control step it follows from the posture, by the
-    `contact` of a model person. If the hand may turn about the tool's axis, that turn is the hand's
-    and not the object's. The step keeps all limits of the object with it as with any response. It
+    `contact` of a model person. If the hand may turn about the tool's axis, x_r does not count such
+    turns. The step keeps all limits of the object with it as with any response. It
     is for study: it says nothing of postures and directions that were not recorded, S is zero
     there, and `notebooks/07_second_model` compares it with the model person.
 
@@ -212,7 +215,9 @@ class GmrResponse:
         for each in several:
             check_whole("components", each, 1)
         poses = np.array([read_pose("poses", pose) for pose in poses])
-        x = coordinates_of(poses, mean_pose(poses))
+        free = person.free_about_tool
+        mean = mean_pose(poses, free)
+        x = coordinates_of(poses, mean, free)
         moves, turns = (float(np.sqrt(np.var(part, axis=0).sum())) for part in (x[:, :3], x[:, 3:]))
         if moves < _MOVES[0] and turns < _MOVES[1]:
             raise InputError(
@@ -220,10 +225,6 @@ class GmrResponse:
                 " shows nothing of how the posture follows it; allowed a standard deviation from"
                 f" {1e3 * _MOVES[0]:g} mm or {np.degrees(_MOVES[1]):g} deg on"
             )
-        if person.free_about_tool:
-            poses = _rolled(poses, contacts_of(person, postures)[0])
-        mean = mean_pose(poses)
-        x = coordinates_of(poses, mean)
         farthest = float(np.linalg.norm(x[:, 3:], axis=1).max())
         if farthest > _FARTHEST:
             raise InputError(
@@ -263,14 +264,9 @@ class GmrResponse:
         """The regression of (q, V) on x_r, eq. 2.5 to 2.8, for arrays of `coordinates_of`."""
         return self.mixture.split(range(6), range(6, 7 + len(self.joints)))
 
-    def x_r(self, postures: Array, poses: Array) -> Array:
-        """Return x_r (n, 6) of recorded postures (n, 32) and poses of the object (n, 4, 4).
-
-        As `fit` takes them: about a free tool the hand's turn counts.
-        """
-        if self.person.free_about_tool:
-            poses = _rolled(poses, contacts_of(self.person, postures)[0])
-        return coordinates_of(poses, self.mean)
+    def x_r(self, poses: ArrayLike) -> Array:
+        """Return x_r (n, 6) of poses of the object (n, 4, 4), see `coordinates_of`."""
+        return coordinates_of(poses, self.mean, self.person.free_about_tool)
 
     def prediction(self, pose: ca.MX) -> Prediction:
         """Return joints and V (m + 1,) at a pose (4, 4) with covariance and derivative.
@@ -348,12 +344,14 @@ class GmrResponse:
         """Return x_r (6,) of a pose, and its derivative (6, 6) along a twist."""
         here, twist, mean = ca.SX.sym("pose", 4, 4), ca.SX.sym("twist", 6), ca.DM(self.mean)
         moved = shifted(here, twist)
-        turn = moved[:3, :3] @ mean[:3, :3].T
-        axis = ca.inv_skew(turn - turn.T) / 2
+        if self.person.free_about_tool:
+            across, cosine = ca.cross(mean[:3, 0], moved[:3, 0]), ca.dot(mean[:3, 0], moved[:3, 0])
+        else:
+            turn = moved[:3, :3] @ mean[:3, :3].T
+            across, cosine = ca.inv_skew(turn - turn.T) / 2, (ca.trace(turn) - 1) / 2
         # No division by zero, at the mean and half a turn from it.
-        sine = ca.sqrt(ca.sumsqr(axis) + 1e-12)
-        angle = ca.atan2(sine, (ca.trace(turn) - 1) / 2)
-        x = ca.vertcat(moved[:3, 3] - mean[:3, 3], axis / sine * angle)
+        sine = ca.sqrt(ca.sumsqr(across) + 1e-12)
+        x = ca.vertcat(moved[:3, 3] - mean[:3, 3], across / sine * ca.atan2(sine, cosine))
         both = [x, ca.densify(ca.jacobian(x, twist))]
         at_rest = [ca.substitute(each, twist, ca.SX.zeros(6)) for each in both]
         found = ca.Function("coordinates", [here], ca.cse(at_rest))(pose)
