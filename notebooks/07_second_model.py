@@ -172,41 +172,56 @@ print(
 # %% [markdown]
 """## In the loop
 
-The person who was recorded begins at an awkward place. What counts is the exact score of where they
-come to rest. The gradients and the policy are kept inside workspace, cone and speeds by clipping;
-the QP has the limits as rows.
+People of the same kind are recorded for five minutes each. Then each begins at an awkward place.
+What counts is the exact score of where they come to rest. Gradients and policy are kept inside
+workspace, cone and speeds by clipping; the QP has the limits as rows.
 """
 
 # %%
-learned = problem.replace(response=model)
-pose, _ = awkward_place(problem, person, SEED)
-start = person.hold(person.comfort)
-start.carry(pose)
+PEOPLE, DURATION = studies.size(1, 8), studies.size(3.0, 30.0)
 rule = rule_pose(problem, person_of(problem).body)
-ways = {
-    "object stays": lambda: Still(problem),
-    "rule of thumb": lambda: Drive(problem, start.pose, rule),
-    "QP, model person": lambda: Stepper(problem),
-    "QP, second model": lambda: Stepper(learned),
-    "gradient, model person": lambda: Gradient(problem, problem.cost),
-    "gradient, both mixtures": lambda: Gradient(learned, first),
-    "policy, algorithm 1": lambda: Gradient(problem, first, policy=policy.expression),
+WAYS = {
+    "object stays": studies.GREY,
+    "rule of thumb": "black",
+    "QP, model person": studies.BLUE,
+    "QP, second model": studies.SKY,
+    "gradient, model person": studies.ORANGE,
+    "gradient, both mixtures": studies.RED,
+    "policy, algorithm 1": studies.PURPLE,
 }
-DURATION = studies.size(3.0, 30.0)
+ends = {name: [] for name in WAYS}
+paths = {name: [] for name in WAYS}
+for seed in range(SEED, SEED + PEOPLE):
+    person = person_of_kind(KIND, problem, seed)
+    shown = demonstrate(problem, person.hold(person.comfort), 60 * MINUTES, seed)
+    own = replace(person_of(problem), body=person.body)
+    model = GmrResponse.fit(*shown, first, own, components=COUNTS)
+    learned = problem.replace(response=model)
+    policy = follow(problem, downhill(first, model), shown[0], studies.size(20, 100)).policy
+    start = person.hold(person.comfort)
+    start.carry(awkward_place(problem, person, seed)[0])
+    controllers = (
+        Still(problem),
+        Drive(problem, start.pose, rule),
+        Stepper(problem),
+        Stepper(learned),
+        Gradient(problem, problem.cost),
+        Gradient(learned, first),
+        Gradient(problem, first, policy=policy.expression),
+    )
+    for name, controller in zip(WAYS, controllers, strict=True):
+        follows = start.copy()
+        trace = run_loop(problem, follows, duration=DURATION, seed=seed, controller=controller)
+        paths[name].append(problem.assess(np.array(trace.postures)).final)
+        follows.rest(follows.pose)
+        ends[name].append(int(problem.assess(follows.posture).final[0]))
+rows = [[name, float(np.mean(each)), " ".join(map(str, each))] for name, each in ends.items()]
+studies.table(["REBA score at rest at the end", "mean", "of each"], rows)
+
 figure, axis = plt.subplots(figsize=(9.6, 3.8))
-rows = []
-for (name, make), colour in zip(
-    ways.items(),
-    (studies.GREY, "black", studies.BLUE, studies.SKY, studies.ORANGE, studies.RED, studies.PURPLE),
-    strict=True,
-):
-    follows = start.copy()
-    trace = run_loop(problem, follows, duration=DURATION, seed=SEED, controller=make())
-    scores = problem.assess(np.array(trace.postures)).final
-    follows.rest(follows.pose)
-    rows.append([name, int(scores[0]), int(problem.assess(follows.posture).final[0])])
-    axis.plot(trace.time, scores, color=colour, label=name)
-studies.table(["REBA score", "at the start", "at rest at the end"], rows)
-axis.set(xlabel="time [s]", ylabel="REBA score")
+for name, colour in WAYS.items():
+    scores = np.mean(paths[name], axis=0)
+    axis.plot(problem.dt * np.arange(len(scores)), scores, color=colour, label=name)
+axis.set(xlabel="time [s]", ylabel="REBA score, mean")
 axis.legend(ncols=2)
 studies.save(figure, "second_model_loops")

@@ -40,10 +40,10 @@ _STAYS: Final = 1.0
 _PERIOD: Final = 0.02
 """Period of a demonstration [s]."""
 
-_PART: Final = 1.2
-"""Time for one part of a path, see `ergoqp.problem.geometry.straight` [s]."""
+_PART: Final = 0.5
+"""Time for one part of a path, 4 cm at most, see `ergoqp.problem.geometry.straight` [s]."""
 
-_HELD: Final = 0.03
+_HELD: Final = 0.05
 """A hand that is no further off holds the object [m]."""
 
 

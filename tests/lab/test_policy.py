@@ -168,18 +168,18 @@ def test_bad_input_is_named(call, message):
 def test_a_demonstration_shows_who_holds_the_object_all_over_the_workspace(kind):
     problem = load_problem("screwing")
     person = person_of_kind(kind, problem, 3)
-    postures, poses = demonstrate(problem, person.hold(person.comfort), 90.0, seed=1)
-    assert 400 < len(postures) == len(poses) <= 450
+    postures, poses = demonstrate(problem, person.hold(person.comfort), 60.0, seed=1)
+    assert 250 < len(postures) == len(poses) <= 300
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-    places = poses[80:, :3, 3]
+    places = poses[40:, :3, 3]
     assert (places >= np.array(box.lower) - 1e-6).all()
     assert (places <= np.array(box.upper) + 1e-6).all()
-    assert (np.ptp(places, axis=0) > 0.4 * np.subtract(box.upper, box.lower)).all()
+    assert (np.ptp(places, axis=0) > 0.6 * np.subtract(box.upper, box.lower)).all()
     toward = np.array(cone.direction) / np.linalg.norm(cone.direction)
-    assert (poses[80:, :3, 0] @ toward >= np.cos(np.radians(cone.half_angle_deg)) - 1e-6).all()
+    assert (poses[40:, :3, 0] @ toward >= np.cos(np.radians(cone.half_angle_deg)) - 1e-6).all()
     # The hand is at the object, or as far behind as its delay makes it.
     held = replace(problem.response, body=person.body)
     hands = np.array([np.array(held.contact()(q)[0])[:3, 3] for q in postures])
-    assert np.linalg.norm(hands - poses[:, :3, 3], axis=1).max() < 0.05
+    assert np.linalg.norm(hands - poses[:, :3, 3], axis=1).max() < 0.06
     other, _ = demonstrate(problem, person.hold(person.comfort), 10.0, seed=2)
     assert not np.allclose(other[-1], postures[len(other) - 1])
