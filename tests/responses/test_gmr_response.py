@@ -143,6 +143,21 @@ def test_how_the_hand_turns_about_the_tool_does_not_count() -> None:
         GmrResponse.fit(postures, poses, value, firm, components=2)
 
 
+@pytest.mark.parametrize("moves", [np.r_[1, 1, 1, 0, 0, 0], np.r_[0, 0, 0, 1, 1, 1]])
+def test_an_object_may_only_move_or_only_turn(moves: np.ndarray) -> None:
+    """Of what did not move nothing is known: S is zero."""
+    rng = np.random.default_rng(7)
+    x = 0.1 * rng.normal(size=(300, 6)) * moves
+    centre = np.array(person().contact()(person().comfort)[0])
+    postures = np.tile(person().comfort, (300, 1))
+    postures[:, ARM[0]] += x @ np.ones(6)
+    poses = np.array([moved(centre, each) for each in x])
+    firm = replace(person(), free_about_tool=False)
+    found = GmrResponse.fit(postures, poses, value, firm, components=1, regularisation=1e-6)
+    S = np.array(found.slopes()(found.mean)[0])[ARM[0]]
+    np.testing.assert_allclose(S, moves, atol=1e-2)
+
+
 def linear(count: int, keeps: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """A recording that is one Gaussian, of frames that keep a part of the one before."""
     rng = np.random.default_rng(5)
