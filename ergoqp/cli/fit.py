@@ -1,10 +1,11 @@
-"""``ergoqp fit``: learn a cost or a boundary from data, test it on unseen data, and save it."""
+"""``ergoqp fit``: learn a cost, a boundary or a response from data, test it, and save it."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from importlib import import_module
@@ -13,27 +14,36 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole, part_of
-from ergoqp.cli.common import console, make_folder, working, writing
-from ergoqp.cli.options import argument, option, out_option
+from ergoqp.cli.common import console, load_person_problem, make_folder, working, writing
+from ergoqp.cli.options import RecordingOptions, argument, grouped, option, out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
+from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.load import KINDS, Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.datasets.data import DataSet, read_data
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
-from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.errors import ErgoqpError, InputError, MissingExtraError
+from ergoqp.files.read import read_json, read_npz
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS
 from ergoqp.learning.one_class import OneClass
+from ergoqp.mocap import Recording
+from ergoqp.mocap.recorded import held_poses, seat_above_feet
 from ergoqp.report.charts.over_time import prediction_picture
 from ergoqp.report.tables import table_of
+from ergoqp.responses.gmr import GmrResponse
+from ergoqp.responses.ik import IkResponse
 
 ABOUT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.
 
 Prints a table and writes COST.npz (for [cost.learned] in a problem file, or ergoqp.load_cost) and
-COST.png.
+COST.png. With response it learns how the posture follows the object of a recording.
 
 \b
 Examples:
@@ -42,6 +52,7 @@ Examples:
   ergoqp fit svr --data forearm                      elbow and wrist of the right arm
   ergoqp fit quadratic --data my_postures.csv        columns trunk_flexion_deg ..., score
   ergoqp fit boundary --joints scored                for [limits.one_class_boundary]
+  ergoqp fit response take.bvh --problem screwing    for [response.gmr]; or a folder of ergoqp run
 """
 
 FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
@@ -53,17 +64,47 @@ DATA: Final = ("sheet", "interval", "forearm")
 _OWN: Final = ("quadratic", "neural")
 """Kinds with a fit that is part of the package and needs nothing else."""
 
-_GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
+_GIVEN: Final = (
+    *("data", "cls", "progress", "points", "coordinates"),
+    *("postures", "poses", "cost", "person"),
+)
+"""What the command gives to a fit itself."""
 
 
 Joints = StrEnum("Joints", {"report": "report", "scored": "scored"})
 """The joints of drawn postures."""
 
+Kind = StrEnum("Kind", {"gmr": "gmr"})
+"""The kinds of learned responses."""
 
+
+@dataclass(frozen=True)
+class Response:
+    """What only a response needs."""
+
+    kind: Annotated[Kind, option(None, "response: kind of the model.")] = Kind.gmr
+    problem: Annotated[
+        str, option("NAME|FILE", "response: the task, with its hands, tool and stance.")
+    ] = "screwing"
+    by_hand: Annotated[
+        bool, option(None, "response: the hand stands for the object.", "--by-hand")
+    ] = False
+
+
+@grouped(response=Response, read=RecordingOptions)
 def command(
     cost: Annotated[
-        str, argument("COST", "quadratic, gmr, svr, one_class_ladder, neural; or boundary.")
+        str,
+        argument("COST", "quadratic, gmr, svr, one_class_ladder, neural; boundary; or response."),
     ],
+    recording: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[RECORDING]",
+            help="response: a recording of a person who holds an object, or the folder of a run.",
+            show_default=False,
+        ),
+    ] = None,
     data: Annotated[
         str, option("NAME|FILE", "sheet, interval, forearm, or a CSV file of your own.")
     ] = "sheet",
@@ -79,13 +120,29 @@ def command(
         option("NAME=VALUE", "An option of the cost's own fit; may be repeated.", "--set"),
     ] = None,
     out: Annotated[Path | None, out_option("fit-COST")] = None,
+    *,
+    response: Response,
+    read: RecordingOptions,
 ) -> None:
-    """Fit a cost or a boundary.
+    """Fit a cost, a boundary or a response.
 
     Raises:
         ErgoqpError: if an argument cannot be used.
     """
-    if cost == "boundary":
+    of_recording = recording, response, read
+    if cost == "response":
+        if recording is None or not recording.exists():
+            got = "none" if recording is None else f"{recording}: no such file"
+            raise InputError(f"recording: got {got}, allowed a recording or the folder of a run")
+        if data == "forearm":
+            raise InputError("--data: got 'forearm', allowed postures: sheet, interval or a file")
+        check_extra("sklearn")
+        make, learn = GmrResponse.fit, partial(fit_response, recording, response, read)
+    elif of_recording != (None, Response(), RecordingOptions()):
+        raise InputError(
+            f"cost: got {cost!r} and a recording or how to read it, allowed 'response'"
+        )
+    elif cost == "boundary":
         check_extra("sklearn")
         make, learn = OneClass.fit, fit_boundary
     elif cost in FITTED:
@@ -95,7 +152,7 @@ def command(
         make = getattr(import_module(module), name).fit
         learn = partial(fit, cost, make)
     else:
-        raise InputError(f"cost: got {cost!r}, allowed {', '.join(FITTED)}")
+        raise InputError(f"cost: got {cost!r}, allowed {', '.join(FITTED)}, boundary or response")
     options = read_settings(make, settings or [])
     with working("data") as done:
         points = load_data(data, joints.value, per_score, seed, folds, done)
@@ -290,3 +347,89 @@ def fit_boundary(
     screen.print(table_of("boundary: points inside", ("", "inside"), rows, framed=True))
     screen.print(Text(f"{len(model.weights)} kernels, {path.stat().st_size / 1e3:.0f} kB"))
     screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
+
+
+def fit_response(
+    path: Path,
+    asked: Response,
+    read: RecordingOptions,
+    data: DataSet,
+    options: dict[str, Any],
+    seed: int,
+    folds: int,
+    screen: Console,
+    make_out: Callable[[], Path],
+) -> None:
+    """Fit a response, print how well it knows the last part of the time, and write the model.
+
+    Args:
+        path: the recording, or the folder of a run.
+        asked: what only a response needs.
+        read: how to read the recording.
+        data: labelled points for the first model, V(q).
+        options: options of `GmrResponse.fit`.
+        seed: seed of both models.
+        folds: the last part of the time is one of so many.
+        screen: console for the table.
+        make_out: returns the folder of the results.
+
+    Raises:
+        ErgoqpError: if there is no recording, or none that shows how the posture follows an object.
+    """
+    person = load_person_problem(asked.problem).response
+    if not isinstance(person, IkResponse):
+        raise InputError(f"--problem: got {asked.problem!r}, allowed one with [response.ik]")
+    with working("recording") as done:
+        recording = recorded_run(path) if path.is_dir() else read.load(path, done)
+    above = seat_above_feet(recording, int(np.argmax(recording.scored)))
+    stance = "standing" if above is None else "seated"
+    person = replace(person, body=recording.person, stance=stance, seat_height=above)
+    postures, poses = held_poses(recording, person, asked.by_hand)
+    with working("first model, V(q)"):
+        cost = Gmr.fit(data, seed=seed)
+    begin = len(postures) * (folds - 1) // folds
+    learn = partial(GmrResponse.fit, **{"cost": cost, "person": person, "seed": seed, **options})
+    with working("second model") as done:
+        model = learn(postures, poses, progress=done)
+    path = make_out() / "response.npz"
+    model.save(path)
+    try:
+        with working(f"the same without the last of {folds} parts of the time") as done:
+            part = learn(postures[:begin], poses[:begin], progress=done)
+    except InputError as error:
+        screen.print(Text(f"The recording is too short to keep a part of it apart: {error}"))
+    else:
+        joints = [JOINTS.index(name) for name in part.joints]
+        x = part.x_r(poses[begin:])
+        rows = []
+        for name, guess in (
+            ("second model", part.regression.mean(x)[:, :-1]),
+            ("always the mean posture", postures[:begin, joints].mean(axis=0)),
+        ):
+            error = np.sqrt(np.mean((postures[begin:, joints] - guess) ** 2))
+            rows.append((name, f"{np.degrees(error):.1f}"))
+        title = f"response: the last of {folds} parts of the time, unseen"
+        screen.print(table_of(title, ("", "error of an angle, deg"), rows, framed=True))
+    found = f"{len(postures)} frames, {len(model.joints)} joints, {len(model.mixture.weights)}"
+    screen.print(Text(f"{found} Gaussians, {path.stat().st_size / 1e3:.0f} kB"))
+    screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
+
+
+def recorded_run(folder: Path) -> Recording:
+    """Return the postures and poses of a run that was saved in a folder, as a recording.
+
+    Raises:
+        InputError: if no run was saved there.
+    """
+    try:
+        names = ("time", "postures", "base_poses", "poses")
+        arrays = read_npz(folder / "run.npz", names)
+        body = read_json(folder / "run.json", "run")["person"]
+        person = Body(body["stature_m"], body["lengths_m"], body["mass_kg"])
+    except (ErgoqpError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"recording: got the folder {folder}, allowed one that a run was saved in ({error})"
+        ) from None
+    time, postures, base, poses = (arrays[name] for name in names)
+    seen = np.ones(postures.shape, dtype=bool)
+    return Recording(time, postures, base, seen, np.zeros(len(time)), poses, (), person)

@@ -11,22 +11,40 @@ over two long runs of steps must agree. The training approaches a least-squares 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice, repeat
 from typing import Final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import check_number
 from ergoqp.errors import InputError
+from ergoqp.lab.yardstick import GRADIENT_GAIN
+from ergoqp.problem.geometry import Workspace, between, straight
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.person_protocol import Holding
 from ergoqp.step.stepper import Stepper
 
 Array = NDArray[np.float64]
 
 MOST_RUNS: Final = 2000
 """Largest number of runs of steps; training then ends without convergence."""
+
+
+_STAYS: Final = 1.0
+"""How long the object of a demonstration stays at a place [s]."""
+
+_PERIOD: Final = 0.02
+"""Period of a demonstration [s]."""
+
+_PART: Final = 0.5
+"""Time for one part of a path, 4 cm at most, see `ergoqp.problem.geometry.straight` [s]."""
+
+_HELD: Final = 0.05
+"""A hand that is no further off holds the object [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +260,77 @@ def solve(
     tall = np.concatenate([phi, weight * np.eye(phi.shape[1])])
     right = np.concatenate([targets, np.zeros((phi.shape[1], targets.shape[1]))])
     return Policy(np.asarray(np.linalg.lstsq(tall, right, rcond=None)[0].T, dtype=float), features)
+
+
+def demonstrate(
+    problem: Problem, person: Holding, duration: float, seed: int = 0, every: float = 0.2
+) -> tuple[Array, Array]:
+    """Record a person at work: postures (n, 32) [rad] and poses of the object (n, 4, 4) [m].
+
+    The object is carried straight to random places of the workspace, slowly, and stays a second at
+    each. Frames in which a hand is off the object are left out.
+
+    Args:
+        problem: the task.
+        person: who follows; their state is changed.
+        duration: duration of the recording [s].
+        seed: seed of the places.
+        every: time between two frames [s].
+
+    Raises:
+        InputError: if a time is out of range.
+    """
+    check_number("every", every, _PERIOD, 60.0, "s")
+    check_number("duration", duration, every, 36000.0, "s")
+    workspace, rng = Workspace(problem), np.random.default_rng([seed, 45])
+
+    def carried() -> Iterator[Array]:
+        """Yield the pose in every period of `_PERIOD`."""
+        here = person.pose
+        while True:
+            for part in straight(here, workspace.pose(rng.uniform(-1.0, 1.0, 5))):
+                for share in np.linspace(0.0, 1.0, round(_PART / _PERIOD) + 1)[1:]:
+                    yield between(here, part, share)
+                here = part
+            yield from repeat(here, round(_STAYS / _PERIOD))
+
+    postures, poses = [], []
+    for number, pose in enumerate(islice(carried(), round(duration / _PERIOD))):
+        person.follow(pose, _PERIOD)
+        if number % round(every / _PERIOD) == 0 and person.gap < _HELD:
+            postures.append(person.posture.copy())
+            poses.append(person.pose.copy())
+    return np.array(postures), np.array(poses)
+
+
+def follow(problem: Problem, down: ca.Function, postures: Array, count: int = 100) -> Training:
+    """Train a policy by algorithm 1 to follow a direction at recorded postures.
+
+    The wanted twist is the direction at the gain of `ergoqp.lab.yardstick.GRADIENT_GAIN`, no faster
+    than the object may be: as the baseline sends it.
+
+    Args:
+        problem: the task.
+        down: ``q (32,) -> twist (6,)``, for example `ergoqp.lab.yardstick.downhill`.
+        postures: recorded (n, 32) [rad].
+        count: number of radial features.
+    """
+    features = RadialFeatures.among(postures, min(count, len(postures)))
+    speed = problem.twist_limit.speed
+    wanted = GRADIENT_GAIN * np.array(down.map(len(postures))(postures.T)).T * (speed > 0)
+    over = np.abs(wanted) / np.where(speed > 0, speed, 1.0)
+    wanted /= np.maximum(1.0, over.max(axis=1, keepdims=True))
+    at = {posture.tobytes(): twist for posture, twist in zip(postures, wanted, strict=True)}
+    largest = float(np.square(features(postures)).sum(axis=1).max())
+    return train(
+        features,
+        lambda rng, number: postures[rng.integers(len(postures), size=number)],
+        lambda some: np.array([at[posture.tobytes()] for posture in some]),
+        rate=0.5 / largest,
+        threshold=0.02 * float(np.linalg.norm(wanted, axis=1).mean()),
+        run=len(postures),
+        most_runs=100,
+    )
 
 
 def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,6 +33,7 @@ from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.geometry import Workspace, frame_of, pose_error, rotation_vector, turned
 from ergoqp.problem.problem import Problem
+from ergoqp.responses import Response
 from ergoqp.rest.person_protocol import Holding
 from ergoqp.step.answer import Step
 
@@ -246,6 +247,13 @@ class Drive:
         return Sent(pose_error(here, there) / self.dt, "optimal")
 
 
+def downhill(cost: Cost, response: Response) -> ca.Function:
+    """Return ``q (32,) -> -dV/dq dq/dx (6,)``: equation 3.3 of the EPFL report without epsilon."""
+    q = ca.MX.sym("q", len(response.coordinates))
+    down = -ca.gradient(cost.expression(q), q).T @ response.expression(q)
+    return ca.Function("downhill", [q], [ca.densify(down.T)], ["q"], ["down"])
+
+
 class Gradient:
     """The EPFL report's controller: xi = -epsilon dV/dq dq/dx (equation 3.2), kept within limits.
 
@@ -256,6 +264,7 @@ class Gradient:
         cost: V(q).
         gain: epsilon.
         compiled: compile the gradient with a C compiler.
+        policy: gives the twist (6,) of a posture in place of the gradient: theta Phi(q), eq. 3.1.
 
     Raises:
         CompilerError: if ``compiled=True`` and there is no C compiler.
@@ -267,6 +276,7 @@ class Gradient:
         cost: Cost,
         gain: float = GRADIENT_GAIN,
         compiled: bool = False,
+        policy: Callable[[ca.MX], ca.MX] | None = None,
     ) -> None:
         """Build the function of the gradient."""
         limit = problem.twist_limit
@@ -283,8 +293,8 @@ class Gradient:
             self._widest = np.radians(self._cone.half_angle_deg) - _EDGE
         q = ca.MX.sym("q", len(problem.coordinates))
         value = cost.expression(q)
-        down = -ca.gradient(value, q).T @ problem.response.expression(q)
-        function = ca.Function("down", [q], [down.T, value], ["q"], ["g", "v"])
+        down = downhill(cost, problem.response)(q) if policy is None else policy(q) / gain
+        function = ca.Function("down", [q], [down, value], ["q"], ["g", "v"])
         self._evaluator = Evaluator(machine_code(lambda _: function) if compiled else function)
         self.reset()
 

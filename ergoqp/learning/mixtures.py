@@ -263,7 +263,9 @@ class Conditional:
         means = ca.reshape(ca.densify(slopes @ x) + self._offsets.T.ravel(), count, size)
         total, weights = ca.MX(ca.DM.zeros(count)), ca.MX(ca.DM.zeros(count, size))
         for temperature, share in zip(self.temperatures, self.shares, strict=True):
-            h = ca.exp(logs / temperature - ca.logsumexp(logs / temperature))
+            # Not ca.logsumexp, which scalar expressions (SX) lack.
+            h = ca.exp((logs - ca.mmax(logs)) / temperature)
+            h /= ca.sum1(h)
             total += share * h
             weights += (
                 share

@@ -20,6 +20,7 @@ from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording
 from ergoqp.problem.problem import Problem
+from ergoqp.responses.gmr import mean_pose
 from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.options import TaskOptions
 
@@ -39,6 +40,10 @@ _UNLOCKED: Final = np.radians(5)
 _UNEVEN: Final = 0.02
 """Largest height of one sole above the floor of the other [m]."""
 _ASKEW: Final = np.radians(10)
+_HELD: Final = 0.05
+"""An object whose place in the hand is further from that of most frames is not held [m]."""
+_MOSTLY: Final = 0.1
+"""Least share of frames in which it is held."""
 _ROOM: Final = 0.02
 """Margin around the place of the hand, because the person may hold the object differently [m]."""
 
@@ -96,6 +101,54 @@ def as_recorded(
         else:
             limits.append(limit)
     return problem.replace(response=person, limits=tuple(limits), **terms), posture, notes
+
+
+def held_poses(
+    recording: Recording, response: IkResponse, by_hand: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return postures (n, 32) and where the object is in each (n, 4, 4), for a response to learn.
+
+    The poses are in the world of the response's `contact`, and of the contact frame: the object's
+    own frame is turned and shifted to it. Frames that show no posture, or no object in the hand,
+    are left out.
+
+    Args:
+        recording: recording of a person at work.
+        response: model person, with the body and the hands of the recording.
+        by_hand: the hand of the recording stands for the object.
+
+    Raises:
+        InputError: if the recording has no held object, or no frame shows it in the hand.
+    """
+    known, held = recording.scored, recording.object_poses
+    if not by_hand:
+        if held is None:
+            raise InputError(
+                "recording: has no held object; name one with --thing, or let the hand stand for"
+                " the object with --by-hand"
+            )
+        known = known & np.isfinite(held).all(axis=(1, 2))
+    if not known.any():
+        raise InputError("recording: no frame shows a posture and the object")
+    postures = recording.postures[known]
+    found = response.contact().map(len(postures))(postures.T)
+    contact, pelvis = (np.array(part).reshape(4, -1, 4).transpose(1, 0, 2) for part in found)
+    if by_hand or held is None:
+        return postures, contact
+    seen = pelvis @ np.linalg.inv(recording.base_poses[known]) @ held[known]
+    grips = np.linalg.inv(seen) @ contact
+    # The place in the hand that most frames are near to; a few hundred are tried.
+    places = grips[:, :3, 3]
+    tried = places[:: max(1, len(places) // 300)]
+    near = np.linalg.norm(places[:, np.newaxis] - tried, axis=2) < _HELD
+    holds = near[:, np.argmax(near.sum(axis=0))]
+    if holds.mean() < _MOSTLY:
+        raise InputError(
+            f"recording: the object keeps its place in the hand in {holds.sum()} of {len(holds)}"
+            f" frames, allowed {_MOSTLY:.0%} or more: choose a part (--window), or the hand or the"
+            " object that is meant"
+        )
+    return postures[holds], seen[holds] @ mean_pose(grips[holds], response.free_about_tool)
 
 
 def planted(recording: Recording, frame: int) -> np.ndarray:

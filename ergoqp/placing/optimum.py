@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,44 +13,8 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import pose_as_dict, pose_from_dict
 from ergoqp.files.atomic import write_json
 from ergoqp.files.read import read_json
-from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.responses.ik import IkResponse
-
-_OTHERS = ("body", "weights", "comfort_deg")
-_TERMS = tuple(each.name for each in fields(IkResponse) if each.name not in _OTHERS)
-"""Fields of a response that are written as they are."""
-
-
-def response_as_dict(response: IkResponse) -> dict[str, Any]:
-    """Return a response as numbers, texts and lists. `response_from_dict` makes an equal one."""
-    return {
-        **response.body.as_dict(),
-        "weights": dict(zip(JOINTS, response.weight_vector.tolist(), strict=True)),
-        "comfort_deg": {name: float(degrees) for name, degrees in response.comfort_deg.items()},
-        **{name: plain(getattr(response, name)) for name in _TERMS},
-    }
-
-
-def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
-    """Return the response from the result of `response_as_dict`.
-
-    Raises:
-        KeyError, TypeError, InputError: if it does not describe a response.
-    """
-    body = Body(values["stature_m"], values["lengths_m"], values["mass_kg"])
-    terms = {name: values[name] for name in (*_TERMS, "weights", "comfort_deg")}
-    return IkResponse(body=body, **terms)
-
-
-def plain(value: Any) -> Any:
-    """Return arrays and tuples as lists, NumPy numbers as Python numbers, all else unchanged."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return list(value)
-    return value.item() if isinstance(value, np.generic) else value
-
+from ergoqp.responses.ik import IkResponse, plain, response_as_dict, response_from_dict
 
 FILE = "optimum.json"
 """Name of the file in a folder of results."""

@@ -42,6 +42,13 @@ def _points(folder: Path) -> LinearResponse:
     return LinearResponse()
 
 
+def _gmr(folder: Path, model: str) -> Response:
+    """Return the response that was learned from a recording."""
+    from ergoqp.responses.gmr import GmrResponse
+
+    return GmrResponse.load(find_model(model, folder))
+
+
 def _smooth_reba(file: Any, sheet: dict[str, Any], folder: Path, **keys: Any) -> SmoothReba:
     """Return the smooth REBA score of the task."""
     return SmoothReba(**keys, **sheet)
@@ -67,7 +74,11 @@ The first arguments are the whole file, the options of the sheet including the m
 folder of relative paths.
 """
 
-RESPONSES: Final[dict[str, Callable[..., Response]]] = {"ik": _ik, "points": _points}
+RESPONSES: Final[dict[str, Callable[..., Response]]] = {
+    "ik": _ik,
+    "points": _points,
+    "gmr": _gmr,
+}
 """Responses by the names of their tables. The first argument is the folder of relative paths."""
 
 TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")

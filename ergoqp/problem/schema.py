@@ -214,6 +214,10 @@ def _one_person(response: Table) -> Table:
     return response
 
 
+def _saved(model: str) -> None:
+    """Have the file of a learned model."""
+
+
 def _points() -> None:
     """Elbow and wrist of the right arm are the state. The twist is their velocity."""
 
@@ -235,19 +239,16 @@ ResponseTable: Any = _tables(
         AfterValidator(_one_person),
     ],
     points=table_of("points", _points),
+    gmr=table_of("gmr", _saved),
 )
 """Exactly one response."""
-
-
-def _learned(model: str) -> None:
-    """Have the file of a learned cost."""
 
 
 CostTable: Any = _tables(
     "CostTable",
     _AtMostOne,
     smooth_reba=table_of("smooth_reba", SmoothReba, ["method", "task"]),
-    learned=table_of("learned", _learned),
+    learned=table_of("learned", _saved),
 )
 """At most one cost. Default: the smooth REBA score."""
 

@@ -16,6 +16,7 @@ from ergoqp.lab.forearm import forearm_data
 from ergoqp.lab.group import best_for_group
 from ergoqp.mocap import load_recording
 from ergoqp.placing.optimise import optimise
+from ergoqp.responses.gmr import GmrResponse
 from ergoqp.sheets.options import DEFAULTS
 from ergoqp.simulation.simulate import simulate
 
@@ -32,6 +33,7 @@ def defaults_of(function: Callable[..., Any]) -> dict[str, Any]:
         (compare.command, compare_solvers, {"solvers", "steps", "seed", "accuracy"}),
         (fit.command, posture_data, {"per_score", "seed"}),
         (fit.command, forearm_data, {"per_score", "seed"}),
+        (fit.command, GmrResponse.fit, {"seed"}),
         (group.command, best_for_group, {"objective", "starts", "jobs"}),
         (run.command, simulate, {"seed", "duration", "guide"}),
         (SearchOptions, optimise, {"starts", "jobs", "seed", "mode", "solver"}),

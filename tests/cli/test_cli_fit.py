@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from command_line import mistake
+from step_samples import near_comfort
 
 import ergoqp as package
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import load_one_class
+from ergoqp.mocap.demo_recording import demo_recording
+from ergoqp.responses.gmr import GmrResponse
 
 
 def test_fit_writes_a_model_that_works_and_a_picture(ergoqp, tmp_path):
@@ -126,3 +129,59 @@ def test_fit_a_boundary(ergoqp, tmp_path):
 def test_mistakes_give_one_sentence_and_leave_nothing(ergoqp, tmp_path, arguments, said):
     assert said in mistake(ergoqp(*arguments))
     assert not list(tmp_path.rglob("*.npz*"))
+
+
+def test_fit_a_response_to_a_recording_and_to_a_run(ergoqp, tmp_path):
+    demo_recording(tmp_path / "demo.bvh")
+    quick = ("--per-score", 30, "--set", "components=2")
+    outcome = ergoqp("fit", "response", "demo.bvh", "--by-hand", "--kind", "gmr", *quick)
+    assert outcome.status == 0, outcome.err
+    assert "always the mean posture" in outcome.out
+    path = tmp_path / "ergoqp-out" / "fit-response" / "response.npz"
+    model = GmrResponse.load(path)
+    assert len(model.mixture.weights) == 2
+    (tmp_path / "own.toml").write_text(f'[response.gmr]\nmodel = "{path}"\n')
+    assert package.load_problem(tmp_path / "own.toml").response.joints == model.joints
+
+    problem = package.load_problem("screwing")
+    run = package.simulate(
+        problem, near_comfort("screwing", np.random.default_rng(5), 20), duration=3
+    )
+    run.save(tmp_path / "run")
+    outcome = ergoqp("fit", "response", "run", "--out", "here", *quick)
+    assert outcome.status == 0, outcome.err
+    assert "2 Gaussians" in outcome.out
+    brief = ergoqp("fit", "response", "demo.bvh", "--by-hand", "--window", "0:1.2", *quick[:2])
+    assert brief.status == 0, brief.err
+    assert "too short to keep a part of it apart: postures: got 2" in brief.out
+    assert GmrResponse.load(tmp_path / "here" / "response.npz").person.body == run.body
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "recording: got none, allowed a recording or the folder of a run"),
+        (
+            ("absent.bvh",),
+            "recording: got absent.bvh: no such file, allowed a recording or the folder",
+        ),
+        (("demo.bvh",), "recording: has no held object; name one with --thing, or let the hand"),
+        ((".",), "recording: got the folder ., allowed one that a run was saved in"),
+        (("demo.bvh", "--problem", "forearm"), "problem forearm: moves elbow_x"),
+        (("demo.bvh", "--by-hand", "--set", "components=900"), "postures: got"),
+        (("demo.bvh", "--by-hand", "--set", "components=[]"), "components: got None, allowed"),
+        (("demo.bvh", "--by-hand", "--set", "seed=-3"), "seed: got -3"),
+        (("demo.bvh", "--by-hand", "--data", "forearm"), "--data: got 'forearm', allowed postures"),
+        (("demo.bvh", "--by-hand", "--window", "0:0.01"), "frames, allowed some for each Gaussian"),
+        (("demo.bvh", "--set", "person=1"), "--set: got 'person=1', allowed NAME=VALUE"),
+    ],
+)
+def test_mistakes_of_a_response_in_one_sentence(ergoqp, tmp_path, arguments, said):
+    demo_recording(tmp_path / "demo.bvh")
+    assert said in mistake(ergoqp("fit", "response", *arguments, "--per-score", 30))
+
+
+@pytest.mark.parametrize("more", [("take.bvh",), ("--by-hand",), ("--rate", "30")])
+def test_a_cost_takes_no_recording(ergoqp, more):
+    said = mistake(ergoqp("fit", "quadratic", *more))
+    assert "cost: got 'quadratic' and a recording or how to read it, allowed 'response'" in said

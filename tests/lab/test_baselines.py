@@ -6,11 +6,12 @@ from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from ergoqp.human import Body
-from ergoqp.lab.yardstick import Drive, Gradient, Still, Workspace, rule_pose
+from ergoqp.lab.yardstick import Drive, Gradient, Still, Workspace, downhill, rule_pose
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import pose_error, turned
 from ergoqp.problem.load import TASKS, load_problem
@@ -206,6 +207,29 @@ def test_the_gradient_compiled_is_the_same() -> None:
         steps = [each.step(posture, pose).twist for each in (plain, fast)]
         np.testing.assert_allclose(steps[1], steps[0], rtol=1e-9, atol=1e-12)
     assert steps[0].any()
+
+
+def test_a_policy_in_place_of_the_gradient_is_sent_within_the_same_limits() -> None:
+    problem = load_problem("screwing")
+    pose, posture = Workspace(problem).pose(np.zeros(5)), problem.response.comfort + 0.2
+    down = downhill(problem.cost, problem.response)
+    # Of eq. 3.3 by finite differences.
+    S, h = np.array(problem.response.sensitivity()(posture, 0)[0]), 1e-6
+    slope = [problem.cost(posture + h * e) - problem.cost(posture - h * e) for e in np.eye(32)]
+    expected = -np.ravel(slope) / (2 * h) @ S
+    np.testing.assert_allclose(np.array(down(posture)).ravel(), expected, atol=1e-5)
+    given, taught = (
+        Gradient(problem, problem.cost, 0.1, policy=each)
+        for each in (None, lambda q: 0.1 * down(q))
+    )
+    for _ in range(20):
+        steps = [each.step(posture, pose).twist for each in (given, taught)]
+        np.testing.assert_allclose(steps[1], steps[0], rtol=1e-12)
+    assert steps[0].any()
+    fast = Gradient(problem, problem.cost, policy=lambda q: ca.DM(np.full(6, 9.0)))
+    for _ in range(200):
+        twist = fast.step(posture, pose).twist
+        assert (np.abs(twist) <= problem.twist_limit.speed + 1e-12).all()
 
 
 def test_the_gradient_stops_below_a_cost_of_one() -> None:

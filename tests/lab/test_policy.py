@@ -13,11 +13,16 @@ from ergoqp.lab.policy import (
     Policy,
     RadialFeatures,
     angles_deg,
+    demonstrate,
+    follow,
     solve,
     train,
     twists_of,
     unit_twists,
 )
+from ergoqp.lab.yardstick import GRADIENT_GAIN
+from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
+from ergoqp.simulation.people import person_of_kind
 from ergoqp.step.stepper import Stepper
 
 
@@ -158,3 +163,49 @@ def test_directions_and_angles(problem):
 def test_bad_input_is_named(call, message):
     with pytest.raises(InputError, match=message):
         call()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["alike", "follower"])
+def test_a_demonstration_shows_who_holds_the_object_all_over_the_workspace(kind):
+    problem = load_problem("screwing")
+    person = person_of_kind(kind, problem, 3)
+    postures, poses = demonstrate(problem, person.hold(person.comfort), 60.0, seed=1)
+    assert 250 < len(postures) == len(poses) <= 300
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    places = poses[40:, :3, 3]
+    assert (places >= np.array(box.lower) - 1e-6).all()
+    assert (places <= np.array(box.upper) + 1e-6).all()
+    assert (np.ptp(places, axis=0) > 0.4 * np.subtract(box.upper, box.lower)).all()
+    toward = np.array(cone.direction) / np.linalg.norm(cone.direction)
+    assert (poses[40:, :3, 0] @ toward >= np.cos(np.radians(cone.half_angle_deg)) - 1e-6).all()
+    # The hand is at the object, or as far behind as its delay makes it.
+    held = replace(problem.response, body=person.body)
+    hands = np.array([np.array(held.contact()(q)[0])[:3, 3] for q in postures])
+    assert np.linalg.norm(hands - poses[:, :3, 3], axis=1).max() < 0.06
+    other, _ = demonstrate(problem, person.hold(person.comfort), 10.0, seed=2)
+    assert not np.allclose(other[-1], postures[len(other) - 1])
+
+
+def test_a_policy_follows_a_direction_no_faster_than_the_object_may():
+    problem, rng = load_problem("screwing"), np.random.default_rng(4)
+    postures = problem.response.comfort + rng.normal(size=(300, 32)) * np.r_[[0.3] * 3, [0] * 29]
+    q, speed = ca.MX.sym("q", 32), problem.twist_limit.speed
+    wanted = 100 * ca.vertcat(1 + q[0], -1 + q[1], q[2], 0, 0, 0.02)
+    for down, fast in ((wanted, True), (1e-4 * wanted, False)):
+        training = follow(problem, ca.Function("down", [q], [down]), postures, 40)
+        assert training.converged
+        told = np.array([np.array(ca.Function("d", [q], [down])(row)).ravel() for row in postures])
+        sent = training.policy(postures)
+        assert np.median(angles_deg(sent, told)) < 10
+        largest = np.abs(sent / speed).max(axis=1)
+        expected = 1.0 if fast else GRADIENT_GAIN * np.abs(told / speed).max(axis=1)
+        assert np.abs(largest / expected - 1).mean() < 0.1
+    frozen = problem.replace(
+        limits=[
+            replace(limit, axes=("x", "y", "z")) if isinstance(limit, TwistLimit) else limit
+            for limit in problem.limits
+        ]
+    )
+    still = follow(frozen, ca.Function("down", [q], [wanted]), postures, 40)
+    assert not still.policy(postures)[:, 3:].any()

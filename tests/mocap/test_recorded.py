@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -17,7 +18,8 @@ from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.mocap.demo_recording import demo_recording
 from ergoqp.mocap.naming import centres_of
-from ergoqp.mocap.recorded import as_recorded, planted, seat_above_feet
+from ergoqp.mocap.recorded import as_recorded, held_poses, planted, seat_above_feet
+from ergoqp.problem.geometry import turn_about
 from ergoqp.simulation.people import person_of_kind
 
 
@@ -141,3 +143,28 @@ def test_a_deep_stoop_can_be_started_from() -> None:
     recording = fitted(stoop(deepest=60.0, stands=False)[0])
     after, alone = ends(recording, 10, 0)
     assert after <= alone
+
+
+def test_an_object_in_the_hand_is_where_the_hand_is(demo: Recording) -> None:
+    """However it is held, and wherever the person stands in the recording."""
+    response = replace(ergoqp.load_problem("screwing").response, body=demo.person)
+    postures, by_hand = held_poses(demo, response, by_hand=True)
+    np.testing.assert_array_equal(postures, demo.postures[demo.scored])
+    for q, pose in zip(postures[::40], by_hand[::40], strict=True):
+        np.testing.assert_allclose(pose, np.array(response.contact()(q)[0]), atol=1e-12)
+    grip = np.eye(4)
+    grip[:3, :3], grip[:3, 3] = turn_about(2, 0.7), (0.1, -0.05, 0.2)
+    held = []
+    for q, base in zip(demo.postures, demo.base_poses, strict=True):
+        contact, pelvis = (np.array(part) for part in response.contact()(q))
+        held.append(base @ np.linalg.inv(pelvis) @ contact @ grip)
+    held[3] = np.full((4, 4), np.nan)
+    recording = replace(demo, object_poses=np.array(held))
+    seen, poses = held_poses(recording, response)
+    assert len(seen) == len(postures) - 1
+    np.testing.assert_allclose(poses, np.delete(by_hand, 3, axis=0), atol=1e-9)
+    with pytest.raises(InputError, match="recording: has no held object"):
+        held_poses(demo, response)
+    nowhere = replace(demo, object_poses=np.full((len(held), 4, 4), np.nan))
+    with pytest.raises(InputError, match="no frame shows a posture and the object"):
+        held_poses(nowhere, response)

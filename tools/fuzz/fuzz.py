@@ -74,6 +74,7 @@ import numpy as np
 
 from benchmarks.kept import KeptPool
 from benchmarks.report import Report, run
+from ergoqp.problem.problem import Problem
 from tools.fuzz.inputs import attack
 from tools.fuzz.judge import Tally
 from tools.fuzz.loop import Loop
@@ -87,16 +88,20 @@ _SPOILED: Final = 0.25
 """Share of the chunks in which a term of the problem gives no number somewhere."""
 
 
-def run_chunk(task: tuple[int, int]) -> Tally:
+def run_chunk(task: tuple[int, int], of: Problem | None = None) -> Tally:
     """Run one chunk ``(number, steps)``; the same number gives the same calls.
 
     A call such as ``run_chunk((7, 2000))`` reproduces a chunk.
+
+    Args:
+        task: the number and the steps.
+        of: the problem; None: that of the number.
     """
     number, steps = task
     rng, judge, interrupts, terms = (
         np.random.default_rng([20_26, number, part]) for part in range(4)
     )
-    problem, without, tally = problem_of(number, rng), Spoiled(), Tally()
+    problem, without, tally = of or problem_of(number, rng), Spoiled(), Tally()
     if terms.random() < _SPOILED:
         problem, without = spoiled(problem, terms)
     loop = Loop(problem, without, (rng, judge, interrupts), tally)
