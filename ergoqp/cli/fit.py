@@ -20,7 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole, part_of
-from ergoqp.cli.common import console, load_person_problem, make_folder, working, writing
+from ergoqp.cli.common import console, counted, load_person_problem, make_folder, working, writing
 from ergoqp.cli.options import RecordingOptions, argument, grouped, option, out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
@@ -100,7 +100,7 @@ def command(
     recording: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[RECORDING]",
+            metavar="RECORDING",
             help="response: a recording of a person who holds an object, or the folder of a run.",
             show_default=False,
         ),
@@ -410,8 +410,9 @@ def fit_response(
             rows.append((name, f"{np.degrees(error):.1f}"))
         title = f"response: the last of {folds} parts of the time, unseen"
         screen.print(table_of(title, ("", "error of an angle, deg"), rows, framed=True))
-    found = f"{len(postures)} frames, {len(model.joints)} joints, {len(model.mixture.weights)}"
-    screen.print(Text(f"{found} Gaussians, {path.stat().st_size / 1e3:.0f} kB"))
+    gaussians = counted(len(model.mixture.weights), "Gaussian", "Gaussians")
+    found = f"{len(postures)} frames, {len(model.joints)} joints, {gaussians}"
+    screen.print(Text(f"{found}, {path.stat().st_size / 1e3:.0f} kB"))
     screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
 
 
