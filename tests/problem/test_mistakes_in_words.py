@@ -146,7 +146,7 @@ def test_a_mistake_that_a_term_finds_has_its_full_key(text: str, said: str) -> N
         ),
         (
             f"{IK}[response.points]",
-            "response: got ik and points, allowed exactly one of ik and points",
+            "response: got ik and points, allowed exactly one of ik, points and gmr",
         ),
         (
             f'{IK}[cost]\nsmooth_reba = {{}}\nlearned = {{model = "a"}}',

@@ -107,7 +107,7 @@ def test_a_path_is_relative_to_the_file(folder):
         ),
         (body(limits={"one_class_boundary": {"model": "body_cost.npz"}}), "one_class"),
         (body(limits={"arm_length": {"length": 0.26}}), "allowed only where the state is elbow_x"),
-        (body(response={}), "exactly one of ik and points"),
+        (body(response={}), "exactly one of ik, points and gmr"),
         (arm(joints={}), "got a JointLimit, allowed only where the state is a person's posture"),
         (arm(twist={}), "got 2 twist limits, allowed exactly one"),
         (arm(arm_length={"length": 0.0}), "limits.arm_length.length"),
