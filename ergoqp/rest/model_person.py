@@ -260,7 +260,7 @@ def person_of(problem: Problem) -> IkResponse:
     if not isinstance(response, IkResponse):
         raise InputError(
             f"problem {problem.name}: got a response of type {type(response).__name__}, allowed"
-            " IkResponse"
+            " IkResponse ([response.ik] in a file)"
         )
     return response
 
