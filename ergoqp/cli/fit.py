@@ -20,7 +20,15 @@ from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole, part_of
-from ergoqp.cli.common import console, counted, load_person_problem, make_folder, working, writing
+from ergoqp.cli.common import (
+    console,
+    counted,
+    load_person_problem,
+    make_folder,
+    print_assumptions,
+    working,
+    writing,
+)
 from ergoqp.cli.options import RecordingOptions, argument, grouped, option, out_option
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import LearnedCost
@@ -397,7 +405,7 @@ def fit_response(
         with working(f"the same without the last of {folds} parts of the time") as done:
             part = learn(postures[:begin], poses[:begin], progress=done)
     except InputError as error:
-        screen.print(Text(f"The recording is too short to keep a part of it apart: {error}"))
+        screen.print(Text(f"Too little is left without the last of {folds} parts: {error}"))
     else:
         joints = [JOINTS.index(name) for name in part.joints]
         x = part.x_r(poses[begin:])
@@ -411,9 +419,11 @@ def fit_response(
         title = f"response: the last of {folds} parts of the time, unseen"
         screen.print(table_of(title, ("", "error of an angle, deg"), rows, framed=True))
     gaussians = counted(len(model.mixture.weights), "Gaussian", "Gaussians")
-    found = f"{len(postures)} frames, {len(model.joints)} joints, {gaussians}"
+    frames = f"{len(postures)} of {len(recording.time)} frames"
+    found = f"{frames}, {len(model.joints)} joints, {gaussians}"
     screen.print(Text(f"{found}, {path.stat().st_size / 1e3:.0f} kB"))
     screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
+    print_assumptions(screen, recording.assumptions)
 
 
 def recorded_run(folder: Path) -> Recording:

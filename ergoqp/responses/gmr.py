@@ -118,9 +118,9 @@ class GmrResponse:
 
     x_r is the pose of the contact frame. In the control step it follows from the posture, by the
     `contact` of a model person. If the hand may turn about the tool's axis, x_r does not count such
-    turns. The step keeps all limits of the object with it as with any response. It
-    is for study: it says nothing of postures and directions that were not recorded, S is zero
-    there, and `notebooks/07_second_model` compares it with the model person.
+    turns. The step keeps all limits of the object with it as with any response. It is for study:
+    far from what was recorded it extends a straight line, and along axes in which the object did
+    not move, S is zero. `notebooks/07_second_model` compares it with the model person.
 
     Attributes:
         person: model person with the body, the hands and the tool of the recording.

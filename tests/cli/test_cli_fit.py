@@ -153,7 +153,9 @@ def test_fit_a_response_to_a_recording_and_to_a_run(ergoqp, tmp_path):
     assert "2 Gaussians" in outcome.out
     brief = ergoqp("fit", "response", "demo.bvh", "--by-hand", "--window", "0:1.2", *quick[:2])
     assert brief.status == 0, brief.err
-    assert "too short to keep a part of it apart: postures: got 2" in brief.out
+    assert "Too little is left without the last of 5 parts: postures: got 2" in brief.out
+    assert "37 of 37 frames" in brief.out
+    assert "assumed" in brief.out
     assert GmrResponse.load(tmp_path / "here" / "response.npz").person.body == run.body
 
 
