@@ -162,6 +162,8 @@ def recording_of(
         person=body,
         errors=result.errors,
         not_scored=result.not_scored,
+        doubts=result.doubts,
+        spans=result.spans,
         markers=sits,
         # From joint angles the centres have the lengths of the body that they were placed with.
         measured=() if upright else measured,
@@ -227,7 +229,7 @@ def _calibrated(
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    shown = scored_frames(len(result.pelvis), result.not_scored)[frames]
+    shown = scored_frames(len(result.pelvis), {**result.not_scored, **result.doubts})[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]

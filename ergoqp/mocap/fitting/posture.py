@@ -30,7 +30,7 @@ those of the fitted body is the check.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -39,14 +39,16 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.fitting.unknown import Doubt, Spans, spans_of
 from ergoqp.mocap.fitting.validity import (
     Usual,
     angle_between,
+    doubtful,
     filled,
-    not_followed,
-    not_seen,
+    placed_by_body,
     steady,
     usual_lengths,
+    without_trunk,
 )
 from ergoqp.mocap.naming import CENTRES, centres_of, placed
 
@@ -459,14 +461,19 @@ class Fit:
         postures: joint angles within their ranges (n, 32) [rad].
         observed: which joint angles the recording determines (n, 32).
         errors: centre -> distance of the body's from the recording's (n,) [m]; NaN: not seen.
+        doubts: cause -> the frames in which some of the angles are not used because of it (n,)
+            bool.
         not_scored: cause -> the frames that are not scored because of it (n,) bool.
+        spans: ends of the angles that are not known at every moment.
     """
 
     pelvis: np.ndarray
     postures: np.ndarray
     observed: np.ndarray
     errors: dict[str, np.ndarray]
-    not_scored: dict[str, np.ndarray]
+    doubts: dict[str, np.ndarray]
+    not_scored: dict[str, np.ndarray] = field(default_factory=dict)
+    spans: Spans = field(default_factory=dict)
 
     @property
     def error(self) -> np.ndarray:
@@ -480,18 +487,23 @@ class Fit:
 
 
 def fit(
-    body: Body, places: Mapping[str, np.ndarray], time: np.ndarray, progress: Progress = unseen
+    body: Body,
+    places: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    progress: Progress = unseen,
+    doubt: Doubt | None = None,
 ) -> Fit:
     """Return the postures of a body whose joint centres are known.
 
-    An angle that is never determined is zero. One that is not determined for a while is
-    interpolated.
+    An angle that is never determined is zero. One that is not determined for a while, or of which
+    the recording cannot be right, is interpolated.
 
     Args:
         body: the person.
         places: centre -> positions (n, 3) [m], NaN where not seen.
         time: times of the frames (n,) [s], increasing.
         progress: is called with the share of the frames that is done.
+        doubt: how far the angles of the centres may be from those of the person.
     """
     count, usual = len(time), usual_lengths(places)
     whole = Fit(
@@ -522,13 +534,17 @@ def fit(
             getattr(whole, name)[rows] = getattr(part, name)[here]
         for centre, errors in part.errors.items():
             whole.errors[centre][rows] = errors[here]
-        for cause, frames in part.not_scored.items():
+        for cause, frames in part.doubts.items():
             if frames[here].any():
-                known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
+                known = whole.doubts.setdefault(cause, np.zeros(count, dtype=bool))
                 known[rows] = frames[here]
         progress(stop / count)
-    causes = whole.not_scored | not_seen(whole.observed, whole.postures, time)
-    return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
+    lost = without_trunk(whole.observed, time)
+    return replace(
+        whole,
+        not_scored={"trunk not seen": lost} if lost.any() else {},
+        spans=spans_of(whole.postures, whole.observed, time, doubt),
+    )
 
 
 def _fitted(
@@ -573,6 +589,10 @@ def _fitted(
         for centre, path in places.items()
         if centre in fitted
     }
+    errors = placed_by_body(errors, observed)
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes = not_followed(places, fitted, found.error, usual, time)
-    return replace(found, not_scored=causes), second
+    causes, wrong = doubtful(places, fitted, found.error, usual, time)
+    for joint in np.flatnonzero((wrong & observed).any(axis=0)):
+        observed[:, joint] &= ~wrong[:, joint]
+        postures[:, joint] = filled(np.where(observed[:, joint], postures[:, joint], np.nan), time)
+    return replace(found, doubts=causes), second

@@ -1,0 +1,170 @@
+"""Lower and upper ends of joint angles that a recording does not show, or not for certain.
+
+For up to a second, an angle that is lost stays near the last and the next one that are seen. How
+far it may move in that time is measured in the rest of the recording. After that it may be anywhere
+in the range of its joint: nothing says that a person keeps a hidden arm where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+
+NEAR: Final = 1.0
+"""Time from an angle that is seen after which nothing is known of it any more [s]."""
+_LAGS: Final = (0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
+"""Times over which the movement of an angle is measured [s]."""
+_MOST: Final = 0.99
+"""Share of the movements of a recording that stay within the ends."""
+_PAIRS: Final = 100
+"""Number of movements from which they are measured; a shorter recording says nothing of them."""
+_SAMPLE: Final = 4000
+"""Number of movements that are measured, about."""
+_HELD: Final = 1e-3
+"""Sine of the least angle between an arm and straight sideways at which its flexion is known."""
+
+Spans = dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Number of a joint -> the frames in which its angle is not known (k,), and its lower and upper ends
+there (k,) [rad]; joints that are known at every moment are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """How far a recording's own angles may be from those of the person.
+
+    Attributes:
+        trunk: lowest and highest change of the trunk's flexion [rad].
+        neck: the same of the neck's flexion.
+        arms: side -> largest angle between the upper arm and the recorded one (n,) [rad].
+    """
+
+    trunk: tuple[float, float] = (0.0, 0.0)
+    neck: tuple[float, float] = (0.0, 0.0)
+    arms: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def spans_of(
+    postures: np.ndarray, observed: np.ndarray, time: np.ndarray, doubt: Doubt | None = None
+) -> Spans:
+    """Return the ends of every angle that is not known at every moment.
+
+    Args:
+        postures: joint angles (n, 32) [rad].
+        observed: which of them are seen (n, 32) bool.
+        time: times of the frames (n,) [s].
+        doubt: how far those that are seen may be off.
+    """
+    found: Spans = {}
+    changes = {} if doubt is None else _changes(postures, doubt)
+    for joint in range(len(JOINTS)):
+        low = high = angles = postures[:, joint]
+        if not observed[:, joint].all():
+            low, high = _unseen(angles, observed[:, joint], time, LOWER[joint], UPPER[joint])
+        if joint in changes:
+            least, most = changes[joint]
+            low = np.minimum(np.maximum(low + least, LOWER[joint]), angles)
+            high = np.maximum(np.minimum(high + most, UPPER[joint]), angles)
+        frames = np.flatnonzero(low < high).astype(np.int32)
+        if len(frames):
+            found[joint] = (frames, *(end[frames].astype(np.float32) for end in (low, high)))
+    return found
+
+
+def _unseen(
+    angles: np.ndarray, seen: np.ndarray, time: np.ndarray, lower: float, upper: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of an angle (n,), which is seen in some of the frames."""
+    if not seen.any():
+        return np.full(len(angles), lower), np.full(len(angles), upper)
+    low, high = angles.copy(), angles.copy()
+    lost, known = np.flatnonzero(~seen), np.flatnonzero(seen)
+    after = np.searchsorted(known, lost)
+    before, after = known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
+    away = np.minimum(np.abs(time[lost] - time[before]), np.abs(time[after] - time[lost]))
+    between = np.interp(time[lost], time[known], angles[known])
+    reach = np.interp(away, (0.0, *_LAGS), [0.0, *_moves(angles, seen, time, upper - lower)])
+    reach[away > NEAR] = np.inf
+    # What the frames around suggest is within the ends, too.
+    low[lost] = np.minimum(np.maximum(between - reach, lower), angles[lost])
+    high[lost] = np.maximum(np.minimum(between + reach, upper), angles[lost])
+    return low, high
+
+
+def _moves(angles: np.ndarray, seen: np.ndarray, time: np.ndarray, whole: float) -> list[float]:
+    """Return how far an angle (n,) moves in the times of `_LAGS` [rad]; at most its whole range."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else NEAR
+    found = []
+    for lag in _LAGS:
+        frames = max(1, round(lag / step))
+        both = np.flatnonzero(seen[frames:] & seen[:-frames])
+        both = both[:: max(1, len(both) // _SAMPLE)]
+        moved = np.abs(angles[both + frames] - angles[both])
+        # Without enough of them the angle may move through its whole range in a second.
+        free = whole * lag / NEAR
+        found.append(float(np.quantile(moved, _MOST)) if len(both) >= _PAIRS else free)
+    return np.maximum.accumulate(found).tolist()
+
+
+def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return by how much angles may be off: joint -> lowest and highest change (n,) [rad]."""
+    found, count = {}, len(postures)
+    for name, ends in (("trunk_flexion", doubt.trunk), ("neck_flexion", doubt.neck)):
+        if ends[0] < ends[1]:
+            found[INDEX[name]] = tuple(np.full(count, end) for end in ends)
+    for side in SIDES:
+        half = doubt.arms.get(side)
+        if half is None and doubt.trunk[0] == doubt.trunk[1]:
+            continue
+        half = np.zeros(count) if half is None else half.astype(float)
+        # The arm hangs from the trunk: what changes the trunk's flexion changes the arm's as much,
+        # and a trunk that is twisted or bent to the side shares it with the other angles.
+        aside = np.abs(np.sin(postures[:, [INDEX["trunk_side_bend"], INDEX["trunk_twist"]]]))
+        shared = np.minimum(aside.sum(axis=1), 1.0) * max(map(abs, doubt.trunk))
+        flexion, abduction, rotation, elbow = (
+            INDEX[f"{side}_{joint}"]
+            for joint in (
+                "shoulder_flexion",
+                "shoulder_abduction",
+                "shoulder_rotation",
+                "elbow_flexion",
+            )
+        )
+        off = half + shared
+        held = np.abs(np.cos(postures[:, abduction]))
+        swing = np.where(
+            np.sin(off) < held,
+            np.arcsin(np.minimum(np.sin(off) / np.maximum(held, _HELD), 1)),
+            np.pi,
+        )
+        bent = np.abs(np.sin(postures[:, elbow]))
+        turn = np.where(
+            np.sin(off) < bent,
+            np.arcsin(np.minimum(np.sin(off) / np.maximum(bent, _HELD), 1)),
+            np.pi,
+        )
+        found[flexion] = (doubt.trunk[0] - swing, doubt.trunk[1] + swing)
+        found[abduction] = (-off, off)
+        found[rotation] = (-turn, turn)
+        found[elbow] = (-half, half)
+    return found
+
+
+def with_spans(postures: np.ndarray, spans: Spans, upper: bool) -> np.ndarray:
+    """Return the lower or the upper ends of joint angles (n, 32) [rad].
+
+    Args:
+        postures: the likeliest angles (n, 32) [rad].
+        spans: ends of those that are not known.
+        upper: whether the upper ends are returned.
+    """
+    ends = postures.copy()
+    for joint, (frames, *both) in spans.items():
+        # The ends are rounded to single precision, and the posture is between them.
+        beyond = np.maximum if upper else np.minimum
+        ends[frames, joint] = beyond(both[upper], postures[frames, joint])
+    return ends
