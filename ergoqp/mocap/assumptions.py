@@ -14,17 +14,19 @@ from ergoqp.human import FRACTIONS, Body
 from ergoqp.human.body import believable
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
 from ergoqp.mocap.fitting.axes import (
-    Neutral,
     axes_of,
     find_unit,
     find_up,
-    first_middle,
     leg_of,
+    tilt_of,
+    upright_line,
+)
+from ergoqp.mocap.fitting.neutral import (
+    Neutral,
+    first_middle,
     neutral_of,
     stands_straight,
     stated_neutral,
-    tilt_of,
-    upright_line,
 )
 from ergoqp.mocap.fitting.posture import Fit
 from ergoqp.mocap.fitting.unknown import NEAR

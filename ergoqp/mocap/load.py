@@ -39,7 +39,8 @@ from ergoqp.mocap.assumptions import (
     unit_by_stature,
     windowed,
 )
-from ergoqp.mocap.fitting.axes import UPS, calibration_poses, check_sides, shift_of, straightened
+from ergoqp.mocap.fitting.axes import UPS, check_sides
+from ergoqp.mocap.fitting.neutral import calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
@@ -299,7 +300,7 @@ def load_recording(
         neutral: where the person stands straight: a time in the recording [s], or the path of
             another recording of the same skeleton; ``"vertical"`` measures the trunk to the
             vertical, whatever the skeleton is like; None finds it by the rule of
-            `ergoqp.mocap.fitting.axes`.
+            `ergoqp.mocap.fitting.neutral`.
         window: first and last time to read [s]; None: all.
         subject: the person whose posture is read, where there are several: the prefix of the names
             of their joints.

@@ -58,6 +58,10 @@ _IMPLAUSIBLE: Final = 10.0
 """Cost of an angle beyond that, per second [1/s]."""
 _LEAST: Final = 0.1
 """Smallest weight of a change of the flexion, even where the flexion is not determined."""
+_HANGS: Final = np.radians(60.0)
+"""Elevation of an arm below which it is never read by an abduction above 90 degrees [rad]."""
+_NEVER: Final = 1e6
+"""Cost of what cannot be."""
 _OVER: Final = 0.6
 """Cost of a start with an abduction above 90 degrees [rad]."""
 _GAP: Final = 0.5
@@ -114,7 +118,10 @@ def chosen(
     anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
     cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
     if begin is not None:
-        cost[0 if begin else 1, 0] = np.inf
+        cost[0 if begin else 1, 0] += _NEVER
+    # The second triple raises an arm over its side: it says nothing of one that hangs.
+    height = np.cos(both[0, :, 0]) * np.cos(both[0, :, 1])
+    cost[1] += np.where(height > np.cos(_HANGS), 2 * _NEVER, 0.0)
     weight = np.minimum(told[1:], told[:-1])
     weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
     # From each triple of a frame to each of the next one.
