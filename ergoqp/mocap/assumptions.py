@@ -300,8 +300,19 @@ def straight_of(
     axes: np.ndarray,
     time: np.ndarray,
     reading: ReadOptions,
+    skin: bool,
 ) -> Neutral | None:
-    """Return the lean of the skeleton of a person who stands straight; None for no lean."""
+    """Return the lean of the skeleton of a person who stands straight; None for no lean.
+
+    Args:
+        where: the recording's name, for messages.
+        world: centre -> positions (n, 3) [m], along our axes.
+        rest: centre -> position (3,) in the rest pose, the same; empty if there is none.
+        axes: from the file's unit and axes to ours (3, 3).
+        time: times of the frames (n,) [s].
+        reading: options for reading the recording.
+        skin: whether the centres are those of markers on the skin.
+    """
     stated = reading.neutral
     if stated == "vertical":
         return None
@@ -319,7 +330,7 @@ def straight_of(
             )
         frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
         return stated_neutral(world, frame, f"at {stated:g} s, as stated")
-    return neutral_of(world, rest, time)
+    return neutral_of(world, rest, time, skin)
 
 
 def measured_body(

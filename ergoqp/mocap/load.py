@@ -27,7 +27,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
-from ergoqp.joints import spoken
+from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -40,8 +40,9 @@ from ergoqp.mocap.assumptions import (
     windowed,
 )
 from ergoqp.mocap.fitting.axes import UPS, check_sides
-from ergoqp.mocap.fitting.neutral import calibration_poses, shift_of, straightened
+from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
+from ergoqp.mocap.fitting.unknown import Doubt
 from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
 from ergoqp.mocap.joints import ReadOptions as ReadOptions
@@ -59,6 +60,11 @@ _FARTHEST: Final = 1e9
 """Largest coordinate in any unit; the square of a much larger number would be infinite."""
 _EXACT: Final = 1e-3
 """Precision that the coordinates need [m]."""
+_TRIED: Final = 2000
+"""Frames from which it is found whether a correction is possible, about."""
+_ARMS_BEYOND: Final = tuple(f"{side} upper arm beyond its range" for side in SIDES)
+_SHARE_BEYOND: Final = 0.1
+"""Share of the frames in which arms may get beyond their ranges by a correction."""
 _FEW: Final = 20
 """If fewer frames than this are scored, the places of markers are computed from all frames."""
 
@@ -120,17 +126,25 @@ def recording_of(
     del shown
     posed = calibration_poses(world)
     straight = upright and reading.neutral is None
-    neutral = None if straight else straight_of(where, world, rest, axes, time, reading)
+    neutral = (
+        None
+        if straight
+        else straight_of(where, world, rest, axes, time, reading, skin=bool(markers))
+    )
+    if neutral is not None and reading.neutral is None and neutral.trunk:
+        neutral = _possible(neutral, body, world, time)
     along: dict[str, np.ndarray] = {}
+    doubt = Doubt()
     if neutral is not None:
         assumptions.append(neutral.sentence)
         shift = shift_of(world, neutral.trunk) if neutral.trunk else None
         if shift is not None:
             along = {name: shift for name in markers if above_hips(landmarks[name])}
+        doubt = Doubt(neutral.nods, others=_otherwise(neutral, body, world, time))
         world = straightened(world, neutral.trunk, neutral.neck)
 
     world = _in_one_block(world)
-    result = fit(body, world, time, part_of(progress, _FOUND, 1.0))
+    result = fit(body, world, time, part_of(progress, _FOUND, 1.0), doubt)
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
@@ -168,6 +182,32 @@ def recording_of(
         markers=sits,
         # From joint angles the centres have the lengths of the body that they were placed with.
         measured=() if upright else measured,
+    )
+
+
+def _possible(
+    neutral: Neutral, body: Body, world: Mapping[str, np.ndarray], time: np.ndarray
+) -> Neutral:
+    """Return a lean, without that of the trunk if its correction makes arms impossible."""
+    every = max(1, len(time) // _TRIED)
+    tried = {name: path[::every] for name, path in world.items()}
+    frames = []
+    for places in (tried, straightened(tried, neutral.trunk, neutral.neck)):
+        doubts = fit(body, places, time[::every]).doubts
+        frames.append(sum(int(doubts[arm].sum()) for arm in _ARMS_BEYOND if arm in doubts))
+    plain, corrected = frames
+    return (
+        neutral.uncorrected if corrected > plain + _SHARE_BEYOND * len(time[::every]) else neutral
+    )
+
+
+def _otherwise(
+    neutral: Neutral, body: Body, world: Mapping[str, np.ndarray], time: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the postures (n, 32) [rad] of the other leans that the trunk may have."""
+    return tuple(
+        fit(body, straightened(world, lean, neutral.neck), time).postures
+        for lean in sorted({*neutral.trunk_ends} - {neutral.trunk})
     )
 
 

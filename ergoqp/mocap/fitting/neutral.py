@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -147,6 +147,10 @@ _WALKER: Final = math.radians(8)
 """Largest lean of the trunk in a walk or stand that is not corrected: walkers lean so far [rad]."""
 _LITTLE: Final = math.radians(5)
 """Largest lean of the trunk that is not corrected otherwise: the sheet calls it upright [rad]."""
+_SURE: Final = math.radians(2)
+"""Largest lean of the trunk in a walk that needs no confirmation [rad]."""
+_NODS: Final = (math.radians(-10), math.radians(35))
+"""Lean of the neck to the trunk in skeletons of people who look ahead [rad]."""
 _LONG: Final = 1.0
 """Shortest duration of a walk or a stand [s]."""
 _STRIDE: Final = 0.5
@@ -170,15 +174,42 @@ class Neutral:
         trunk: forward lean of the trunk [rad].
         neck: forward lean of the neck relative to the trunk [rad].
         sentence: sentence that states where the lean was taken from.
+        trunk_ends: least and greatest lean that it may be instead [rad].
+        neck_ends: the same of the neck.
     """
 
     trunk: float
     neck: float
     sentence: str
+    trunk_ends: tuple[float, float]
+    neck_ends: tuple[float, float]
+
+    @property
+    def nods(self) -> tuple[float, float]:
+        """Lowest and highest change of the neck's flexion after its correction [rad]."""
+        return self.neck - self.neck_ends[1], self.neck - self.neck_ends[0]
+
+    @property
+    def uncorrected(self) -> Neutral:
+        """The same, with a trunk that is measured to the vertical."""
+        said = (
+            f"{self.sentence} The trunk is measured to the vertical all the same, because the arms"
+            " would be beyond their ranges otherwise."
+        )
+        return replace(self, trunk=0.0, trunk_ends=(0.0, 0.0), sentence=said)
+
+
+_T_POSE: Final = "in the T-pose"
+_WALK: Final = "while the person walks"
+_REST: Final = "in the skeleton's rest pose"
+_STAND: Final = "while the person stands"
 
 
 def neutral_of(
-    places: Mapping[str, np.ndarray], rest: Mapping[str, np.ndarray], time: np.ndarray
+    places: Mapping[str, np.ndarray],
+    rest: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    skin: bool = False,
 ) -> Neutral:
     """Return the lean of a skeleton, by the rule of this module.
 
@@ -186,28 +217,95 @@ def neutral_of(
         places: centre -> positions (n, 3) [m].
         rest: centre -> position (3,) in an upright rest pose; empty if there is none.
         time: times of the frames (n,) [s].
+        skin: whether the centres are those of markers on the skin.
     """
     trunk, neck = leans(places)
-    posed = calibration_poses(places)
-    if found := _straight(trunk[posed], neck[posed], _LITTLE, "in the T-pose"):
-        return found
-    walks, walking = _walks(places, time), None
-    if _duration(walks, time) >= _LONG and np.nanmean(_hips_ahead(places)[walks]) >= _BEHIND:
-        walking = _straight(trunk[walks], neck[walks], _WALKER, "while the person walks")
-    if walking and walking.trunk:
-        return walking
-    resting = {centre: place[None] for centre, place in rest.items()}
-    if resting and (found := _straight(*leans(resting), _LITTLE, "in the skeleton's rest pose")):
-        return found
-    if walking:
-        return walking
-    stands = stands_straight(places) & _arms_hang(places)
-    if _duration(stands, time) >= _LONG:
-        found = _straight(trunk[stands], -trunk[stands], _WALKER, "while the person stands")
-        if found and found.trunk < 0:
-            return found
-    sentence = "No upright moment is found: the trunk is measured to the vertical."
-    return Neutral(0.0, 0.0, sentence)
+    posed, walks = calibration_poses(places), _long(_walks(places, time), time)
+    stands = stands_straight(places) & _arms_hang(places) & ~walks & ~posed
+    found: dict[str, tuple[float, float]] = {}
+    for when, frames in ((_T_POSE, posed), (_WALK, walks), (_STAND, _long(stands, time))):
+        if (lean := _medians(trunk[frames], neck[frames])) is not None:
+            found[when] = lean
+    if rest and (lean := _medians(*leans({name: place[None] for name, place in rest.items()}))):
+        found[_REST] = lean
+    behind = _WALK in found and np.nanmean(_hips_ahead(places)[walks]) < _BEHIND
+    walk, stand = (found.get(when, (0.0, 0.0))[0] for when in (_WALK, _STAND))
+    likely = [
+        (_T_POSE, _LITTLE),
+        *([(_WALK, _WALKER)] if abs(walk) > _WALKER and not behind else []),
+        (_REST, _LITTLE),
+        *([(_WALK, _WALKER)] if not behind else []),
+        *([(_STAND, _WALKER)] if stand < -_WALKER else []),
+    ]
+    for when, least in likely:
+        if when in found:
+            return _neutral(when, least, found, skin)
+    sentence = "No upright moment is found: the trunk is measured to the vertical"
+    nod = max(float(np.nanmedian(neck)), 0.0) if np.isfinite(neck).any() else 0.0
+    if nod > 0:
+        sentence += (
+            f", and the neck to the trunk; as the neck leans forward by {math.degrees(nod):.0f} deg"
+            " most of the time, its zero may be there, too"
+        )
+    return Neutral(0.0, 0.0, f"{sentence}.", _hull(0.0, 0.0 if skin else walk), (0.0, nod))
+
+
+def _neutral(
+    when: str, least: float, found: Mapping[str, tuple[float, float]], skin: bool
+) -> Neutral:
+    """Return the lean of a skeleton, and what it may be instead.
+
+    Args:
+        when: where the person is likely to be straight.
+        least: largest lean of the trunk that is not corrected [rad].
+        found: median lean of trunk and neck [rad] wherever the person may be straight.
+        skin: whether the centres are those of markers on the skin.
+    """
+    (lean, nod), others = found[when], {name: each for name, each in found.items() if name != when}
+    trunk = 0.0 if skin or abs(lean) <= least else lean
+    said = _said(when, trunk, nod)
+    usual = (nod, nod) if _NODS[0] <= nod <= _NODS[1] else _hull(0.0, nod)
+    if skin or abs(lean) < (_SURE if when == _WALK else _LITTLE):
+        return Neutral(trunk, nod, f"{said}.", (trunk, trunk), usual)
+    for witness in (_REST, _STAND):
+        if witness in others and abs(others[witness][0]) <= _LITTLE < abs(lean):
+            # The skeleton does not lean, so the person does.
+            nod = others[witness][1]
+            said = (
+                f"The trunk leans {_way(lean)} {when}, and not {witness}: there the person is taken"
+                f" to be straight, with the neck {_way(nod)}"
+            )
+            return Neutral(0.0, nod, f"{said}.", (0.0, 0.0), (nod, nod))
+    alike = [name for name, each in others.items() if abs(each[0] - lean) <= _LITTLE]
+    # Who stoops stands as stooped as he walks.
+    if (when == _REST and not others) or set(alike) - {_STAND}:
+        return Neutral(trunk, nod, f"{said}.", (trunk, trunk), usual)
+    if abs(lean) > _LITTLE:
+        said += (
+            ". Nothing confirms that: whether the skeleton leans or the person does looks the same,"
+            " so the score is given for both"
+        )
+    # Who leans forward and looks ahead bends the neck backward by as much.
+    ends = _hull(nod, nod + max(lean, 0.0))
+    return Neutral(trunk, nod, f"{said}.", _hull(0.0, lean, *(e[0] for e in others.values())), ends)
+
+
+def _hull(*values: float) -> tuple[float, float]:
+    return min(values), max(values)
+
+
+def _long(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return some frames (n,) bool, or none of them if they are too short to tell a lean."""
+    return frames if _duration(frames, time) >= _LONG else np.zeros_like(frames)
+
+
+def _medians(trunk: np.ndarray, neck: np.ndarray) -> tuple[float, float] | None:
+    """Return the median lean of trunk and neck [rad]; None if it is unknown or too large."""
+    if not np.isfinite(trunk).any():
+        return None
+    lean = float(np.nanmedian(trunk))
+    nod = float(np.nanmedian(neck)) if np.isfinite(neck).any() else -lean
+    return None if abs(lean) > _LIKELY or abs(nod) > 2 * _LIKELY else (lean, nod)
 
 
 def stated_neutral(places: Mapping[str, np.ndarray], frames: np.ndarray, when: str) -> Neutral:
@@ -222,13 +320,14 @@ def stated_neutral(places: Mapping[str, np.ndarray], frames: np.ndarray, when: s
         RecordingError: if trunk or hips are not seen in any of them.
     """
     trunk, neck = leans(places)
-    found = _straight(trunk[frames], neck[frames], 0.0, when)
+    found = _medians(trunk[frames], neck[frames])
     if found is None:
         raise RecordingError(
             f"neutral: got a posture {when} in which the trunk is not seen or leans by more than"
             f" {math.degrees(_LIKELY):.0f} deg, allowed one that is upright"
         )
-    return found
+    lean, nod = found
+    return Neutral(lean, nod, f"{_said(when, lean, nod)}.", (lean, lean), (nod, nod))
 
 
 def calibration_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -259,21 +358,12 @@ def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
     return found
 
 
-def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> Neutral | None:
-    """Return the median of these leans as a `Neutral`; None if it is unknown or too large."""
-    if not np.isfinite(trunk).any():
-        return None
-    lean = float(np.nanmedian(trunk))
-    nod = float(np.nanmedian(neck)) if np.isfinite(neck).any() else -lean
-    if abs(lean) > _LIKELY or abs(nod) > 2 * _LIKELY:
-        return None
-    if abs(lean) <= least:
-        # The trunk is not corrected then; the neck is, relative to that trunk.
-        lean = 0.0
+def _said(when: str, lean: float, nod: float) -> str:
+    """Return in words where the person is straight, and by how much the skeleton leans there."""
     said = f"The person is taken to be straight {when}"
     if max(abs(lean), abs(nod)) > math.radians(0.5):
         said += f": the skeleton's trunk leans {_way(lean)} there, and its neck {_way(nod)}"
-    return Neutral(lean, nod, f"{said}.")
+    return said
 
 
 def _way(lean: float) -> str:

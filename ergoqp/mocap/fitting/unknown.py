@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 
 NEAR: Final = 1.0
 """Time from an angle that is seen after which nothing is known of it any more [s]."""
@@ -25,12 +25,10 @@ _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
 _SAMPLE: Final = 4000
 """Number of movements that are measured, about."""
-_HELD: Final = 1e-3
-"""Sine of the least angle between an arm and straight sideways at which its flexion is known."""
 
 Spans = dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
-"""Number of a joint -> the frames in which its angle is not known (k,), and its lower and upper ends
-there (k,) [rad]; joints that are known at every moment are left out."""
+"""Number of a joint -> the frames in which its angle is not known (k,), and its lower and upper
+ends there (k,) [rad]; joints that are known at every moment are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +36,14 @@ class Doubt:
     """How far a recording's own angles may be from those of the person.
 
     Attributes:
-        trunk: lowest and highest change of the trunk's flexion [rad].
-        neck: the same of the neck's flexion.
+        neck: lowest and highest change of the neck's flexion [rad].
         arms: side -> largest angle between the upper arm and the recorded one (n,) [rad].
+        others: other postures that the recording may show (n, 32) [rad].
     """
 
-    trunk: tuple[float, float] = (0.0, 0.0)
     neck: tuple[float, float] = (0.0, 0.0)
     arms: Mapping[str, np.ndarray] = field(default_factory=dict)
+    others: tuple[np.ndarray, ...] = ()
 
 
 def spans_of(
@@ -61,14 +59,18 @@ def spans_of(
     """
     found: Spans = {}
     changes = {} if doubt is None else _changes(postures, doubt)
+    others = () if doubt is None else doubt.others
     for joint in range(len(JOINTS)):
         low = high = angles = postures[:, joint]
-        if not observed[:, joint].all():
-            low, high = _unseen(angles, observed[:, joint], time, LOWER[joint], UPPER[joint])
+        for other in others:
+            low, high = np.minimum(low, other[:, joint]), np.maximum(high, other[:, joint])
         if joint in changes:
             least, most = changes[joint]
-            low = np.minimum(np.maximum(low + least, LOWER[joint]), angles)
-            high = np.maximum(np.minimum(high + most, UPPER[joint]), angles)
+            low, high = np.maximum(low + least, LOWER[joint]), np.minimum(high + most, UPPER[joint])
+        if not observed[:, joint].all():
+            seen = observed[:, joint]
+            ends = _unseen(angles, seen, time, float(LOWER[joint]), float(UPPER[joint]))
+            low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
         frames = np.flatnonzero(low < high).astype(np.int32)
         if len(frames):
             found[joint] = (frames, *(end[frames].astype(np.float32) for end in (low, high)))
@@ -113,18 +115,9 @@ def _moves(angles: np.ndarray, seen: np.ndarray, time: np.ndarray, whole: float)
 def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Return by how much angles may be off: joint -> lowest and highest change (n,) [rad]."""
     found, count = {}, len(postures)
-    for name, ends in (("trunk_flexion", doubt.trunk), ("neck_flexion", doubt.neck)):
-        if ends[0] < ends[1]:
-            found[INDEX[name]] = tuple(np.full(count, end) for end in ends)
-    for side in SIDES:
-        half = doubt.arms.get(side)
-        if half is None and doubt.trunk[0] == doubt.trunk[1]:
-            continue
-        half = np.zeros(count) if half is None else half.astype(float)
-        # The arm hangs from the trunk: what changes the trunk's flexion changes the arm's as much,
-        # and a trunk that is twisted or bent to the side shares it with the other angles.
-        aside = np.abs(np.sin(postures[:, [INDEX["trunk_side_bend"], INDEX["trunk_twist"]]]))
-        shared = np.minimum(aside.sum(axis=1), 1.0) * max(map(abs, doubt.trunk))
+    if doubt.neck[0] < doubt.neck[1]:
+        found[INDEX["neck_flexion"]] = tuple(np.full(count, end) for end in doubt.neck)
+    for side, off in doubt.arms.items():
         flexion, abduction, rotation, elbow = (
             INDEX[f"{side}_{joint}"]
             for joint in (
@@ -134,24 +127,23 @@ def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, tuple[np.ndarray, 
                 "elbow_flexion",
             )
         )
-        off = half + shared
-        held = np.abs(np.cos(postures[:, abduction]))
-        swing = np.where(
-            np.sin(off) < held,
-            np.arcsin(np.minimum(np.sin(off) / np.maximum(held, _HELD), 1)),
-            np.pi,
-        )
-        bent = np.abs(np.sin(postures[:, elbow]))
-        turn = np.where(
-            np.sin(off) < bent,
-            np.arcsin(np.minimum(np.sin(off) / np.maximum(bent, _HELD), 1)),
-            np.pi,
-        )
-        found[flexion] = (doubt.trunk[0] - swing, doubt.trunk[1] + swing)
-        found[abduction] = (-off, off)
-        found[rotation] = (-turn, turn)
-        found[elbow] = (-half, half)
+        # An arm that points straight to the side has no flexion, and a straight arm no rotation.
+        swing = _about(off, np.cos(postures[:, abduction]))
+        turn = _about(off, np.sin(postures[:, elbow]))
+        for joint, each in ((flexion, swing), (abduction, off), (rotation, turn), (elbow, off)):
+            found[joint] = (-each, each)
     return found
+
+
+def _about(off: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return the largest turn about an axis of a direction that is off by some angle (n,) [rad].
+
+    Args:
+        off: that angle (n,) [rad].
+        radius: sine of the angle between direction and axis (n,).
+    """
+    share = np.sin(np.minimum(off, np.pi / 2)) / np.maximum(np.abs(radius), 1e-9)
+    return np.where(share < 1, np.arcsin(np.minimum(share, 1)), np.where(off > 0, np.pi, 0.0))
 
 
 def with_spans(postures: np.ndarray, spans: Spans, upper: bool) -> np.ndarray:
