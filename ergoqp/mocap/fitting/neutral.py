@@ -276,6 +276,9 @@ def _neutral(
                 f" to be straight, with the neck {_way(nod)}"
             )
             return Neutral(0.0, nod, f"{said}.", (0.0, 0.0), (nod, nod))
+    if when == _WALK and lean < 0:
+        # Nobody walks bent backward by more than walkers lean.
+        return Neutral(trunk, nod, f"{said}.", (trunk, trunk), usual)
     alike = [name for name, each in others.items() if abs(each[0] - lean) <= _LITTLE]
     # Who stoops stands as stooped as he walks.
     if (when == _REST and not others) or set(alike) - {_STAND}:
