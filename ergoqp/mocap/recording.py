@@ -13,7 +13,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
-from ergoqp.mocap.fitting.unknown import Spans, with_spans
+from ergoqp.mocap.fitting.unknown import Spans, spans_within, with_spans
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import count_of, count_repeated_frames, to_seconds
 
@@ -217,6 +217,18 @@ class Recording:
     def high(self) -> np.ndarray:
         """Upper ends of the joint angles, the same (n, 32) [rad]."""
         return with_spans(self.postures, self.spans, upper=True)
+
+    def ends(self, frames: slice) -> np.ndarray:
+        """Return `low` and `high` of some frames (2, frames, 32) [rad].
+
+        Args:
+            frames: their numbers, without gaps; for example blocks of a long recording.
+        """
+        start, stop, _ = frames.indices(len(self.time))
+        spans = spans_within(self.spans, start, stop)
+        return np.stack(
+            [with_spans(self.postures[start:stop], spans, end) for end in (False, True)]
+        )
 
     def causes(self, frame: int) -> list[str]:
         """Return why a frame is not scored; an empty list if it is scored."""

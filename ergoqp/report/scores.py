@@ -3,14 +3,17 @@
 ``scores.csv`` has one row per frame:
 
 - ``time_s``: time stamp [s];
-- ``reba``: final score 1 to 15, 0 if the frame could not be scored;
-- ``risk``: its action level in words, ``not scored`` for 0;
+- ``reba_low``, ``reba``, ``reba_high``: final score 1 to 15 of the likeliest posture, and the
+  lowest and highest over what is not seen or in doubt; 0 if the frame is not scored;
+- ``risk``: action level of ``reba`` in words, ``not scored`` for 0;
 - ``arm``: the arm with the higher score B, empty if not scored;
-- one column per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score, 0
-  if not scored;
+- four columns per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score
+  ``<segment>_low``, ``<segment>``, ``<segment>_high``, 0 if not scored, and
+  ``<segment>_observed``, the share of the joints it reads that are observed, 0 to 1;
 - ``fit_error_mm``: distance of the fitted body from the recording, RMS [mm];
 - ``valid``: 1 or 0;
 - ``not_scored``: why not, causes separated by semicolons;
+- ``doubts``: why some of the angles are not used, the same;
 - ``outside``: joints beyond their range, separated by spaces.
 
 ``scores.json`` holds the result of `summary_of`. The joint angles of a recording as files for other
@@ -28,7 +31,7 @@ recording, empty if it is not seen.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,12 +43,11 @@ from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
+from ergoqp.report.between import around, risk_between
+from ergoqp.report.seen import blocks, frames_of, observed_shares
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import elevation_of
 from ergoqp.sheets.reba import Assessment
-
-_BLOCK: Final = 4096
-"""Number of frames between two reports of progress."""
 
 
 def write_scores(
@@ -69,66 +71,125 @@ def write_scores(
     rows, summary = folder / "scores.csv", folder / "scores.json"
     with atomic_write(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        head = ["time_s", "reba", "risk", "arm", *palette.SEGMENTS]
-        writer.writerow([*head, "fit_error_mm", "valid", "not_scored", "outside"])
-        for i, valid in enumerate(assessment.valid.tolist()):
-            writer.writerow(
-                [
-                    f"{recording.time[i]:.6f}",
-                    int(assessment.final[i]),
-                    palette.risk_of_level(int(assessment.band[i])),
-                    assessment.arm[i] if valid else "",
-                    *(int(assessment.segments[name][i]) for name in palette.SEGMENTS),
-                    f"{1e3 * recording.fit_error[i]:.2f}",
-                    int(valid),
-                    "; ".join(recording.causes(i)),
-                    " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
-                ]
-            )
-            if i % _BLOCK == 0:
-                progress(i / len(assessment.final))
+        parts = [
+            f"{name}{end}"
+            for name in palette.SEGMENTS
+            for end in ("_low", "", "_high", "_observed")
+        ]
+        head = ["time_s", "reba_low", "reba", "reba_high", "risk", "arm", *parts]
+        writer.writerow([*head, "fit_error_mm", "valid", "not_scored", "doubts", "outside"])
+        for block, part in blocks(assessment, progress):
+            columns = _columns(recording, block, part)
+            writer.writerows(zip(*columns, strict=True))
     write_json(summary, summary_of(recording, assessment))
     return rows, summary
+
+
+_RISKS: Final = np.array(
+    [palette.risk_of_level(level) for level in (*range(len(reba.ACTION_LEVELS)), -1)], dtype=object
+)
+"""Words of the action levels; the last are those of -1."""
+
+
+def _columns(recording: Recording, rows: slice, part: Assessment) -> list[list[Any]]:
+    """Return the columns of ``scores.csv`` for the frames of a block and their assessment."""
+    valid = part.valid
+    columns: list[list[Any]] = [[f"{each:.6f}" for each in recording.time[rows].tolist()]]
+    columns += [(end * valid).tolist() for end in (part.final_low, part.final, part.final_high)]
+    columns.append(_RISKS[part.band].tolist())
+    columns.append(np.where(valid, part.arm, "").tolist())
+    shares = observed_shares(recording, rows, part)
+    for name in palette.SEGMENTS:
+        ends = (part.segments_low, part.segments, part.segments_high)
+        columns += [(end[name] * valid).tolist() for end in ends]
+        columns.append(_decimals(shares[name]))
+    columns.append([f"{1e3 * each:.2f}" for each in recording.fit_error[rows].tolist()])
+    columns.append(valid.astype(int).tolist())
+    for causes in (recording.not_scored, recording.doubts):
+        here = {cause: frames[rows] for cause, frames in causes.items()}
+        columns.append(_named(here, len(valid), "; "))
+    columns.append(_named(dict(zip(JOINTS, part.outside.T, strict=True)), len(valid), " "))
+    return columns
+
+
+def _decimals(shares: np.ndarray) -> list[str]:
+    """Return shares (n,) with two decimals at most; there are only few different ones."""
+    values, places = np.unique(shares, return_inverse=True)
+    words = np.array([f"{value:.2f}".rstrip("0").rstrip(".") for value in values], dtype=object)
+    return words[places].tolist()
+
+
+def _named(causes: Mapping[str, np.ndarray], count: int, between: str) -> list[str]:
+    """Return the causes of each of some frames, in words.
+
+    Args:
+        causes: cause -> the frames that have it (count,) bool.
+        count: number of frames.
+        between: what separates the causes.
+    """
+    words = [""] * count
+    for cause, frames in causes.items():
+        for i in np.flatnonzero(frames).tolist():
+            words[i] += f"{between}{cause}" if words[i] else cause
+    return words
 
 
 def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     """Return the summary of a scored recording.
 
-    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``not_scored`` {cause:
-    frames}, ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over
-    valid frames (null without one); ``share`` {action level: share of the valid frames}; ``worst``
-    {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``, ``others``} or null: the worst
-    frame, see `Assessment.worst`, and how many others have its score; ``segments`` {segment:
-    {``mean``, ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames
-    beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown),
-    ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of the body that it sits
-    on, ``residual_mm``, null if it is never seen}}; ``assumptions``. Frames count from 0.
+    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``exact_frames`` (lowest and
+    highest score are equal), ``not_scored`` {cause: frames}, ``doubts`` {cause: scored frames},
+    ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score of the
+    likeliest postures over valid frames (null without one), and each with ``_low`` and ``_high``,
+    of the lowest and of the highest scores; ``share`` {action level: share of the valid frames},
+    ``share_low`` and ``share_high``, the same of the lowest and highest scores; ``worst``
+    {``frame``, ``time_s``, ``reba``, ``reba_low``, ``reba_high``, ``risk``, ``arm``, ``reasons``,
+    ``others``} or null: the worst frame, see `Assessment.worst`, and how many others have its
+    score; ``segments`` {segment: {``mean``, ``mean_low``, ``mean_high``, ``max``, ``max_low``,
+    ``max_high``, ``share`` {score: share of the valid frames}, ``usual`` {``low``, ``high``,
+    ``share``} or null: the lowest and highest score that are most often together, and how often,
+    ``observed``: share of the joints that it reads which are observed, mean over the valid
+    frames}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``, ``max``}
+    (null when unknown), ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of
+    the body that it sits on, ``residual_mm``, null if it is never seen}}; ``assumptions``. Frames
+    count from 0.
 
     Args:
         recording: the recording that was scored.
         assessment: assessment of its n postures.
     """
-    final, count = assessment.final[assessment.valid], int(assessment.valid.sum())
-    levels = assessment.band[assessment.valid]
+    valid, count = assessment.valid, int(assessment.valid.sum())
+    finals = {
+        "": assessment.final[valid],
+        "_low": assessment.final_low[valid],
+        "_high": assessment.final_high[valid],
+    }
     outside = assessment.outside.sum(axis=0)
     error = 1e3 * recording.fit_error[np.isfinite(recording.fit_error)]
+    statistics: dict[str, Any] = {}
+    for name, of in _STATISTICS.items():
+        for end, final in finals.items():
+            statistics[f"{name}{end}"] = of(final) if count else None
+    for end, final in finals.items():
+        levels = palette.level_of_score(final)
+        statistics[f"share{end}"] = {
+            name: _share(levels == level, count) for level, name in enumerate(reba.ACTION_LEVELS)
+        }
     return {
         "version": __version__,
         "sheet": "REBA",
         "frames": len(assessment.final),
         "valid_frames": count,
+        "exact_frames": int(np.sum(finals["_low"] == finals["_high"])),
         "not_scored": {cause: int(frames.sum()) for cause, frames in recording.not_scored.items()},
+        "doubts": {
+            cause: int((frames & valid).sum()) for cause, frames in recording.doubts.items()
+        },
         "duration_s": round(float(recording.time[-1] - recording.time[0]), 6),
         "stature_m": round(float(recording.person.stature), 4),
-        "mean": round(float(final.mean()), 4) if count else None,
-        "median": float(np.median(final)) if count else None,
-        "p95": round(float(np.percentile(final, 95)), 4) if count else None,
-        "max": int(final.max()) if count else None,
-        "share": {
-            name: _share(levels == level, count) for level, name in enumerate(reba.ACTION_LEVELS)
-        },
+        **statistics,
         "worst": _worst(recording, assessment) if count else None,
-        "segments": {name: _segment(assessment, name, count) for name in palette.SEGMENTS},
+        "segments": _segments(recording, assessment),
         "outside": {JOINTS[j]: int(outside[j]) for j in np.flatnonzero(outside)},
         "fit_error_mm": _spread(error) if error.size else None,
         "centre_error_mm": {
@@ -149,12 +210,23 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     }
 
 
+_STATISTICS: Final[Mapping[str, Callable[[np.ndarray], float]]] = {
+    "mean": lambda scores: round(float(scores.mean()), 4),
+    "median": lambda scores: float(np.median(scores)),
+    "p95": lambda scores: round(float(np.percentile(scores, 95)), 4),
+    "max": lambda scores: int(scores.max()),
+}
+"""Statistics of scores (n,) over the frames."""
+
+
 def _worst(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     i = assessment.worst(recording.time)
     return {
         "frame": i,
         "time_s": round(float(recording.time[i]), 6),
         "reba": int(assessment.final[i]),
+        "reba_low": int(assessment.final_low[i]),
+        "reba_high": int(assessment.final_high[i]),
         "risk": palette.risk_of_level(int(assessment.band[i])),
         "arm": str(assessment.arm[i]),
         "reasons": assessment.reasons(i),
@@ -166,18 +238,69 @@ def worst_in_words(worst: dict[str, Any]) -> str:
     """Return the worst frame of a summary, and how many more have its score."""
     more = f" and {worst['others']} more" if worst["others"] else ""
     where = f"frame {worst['frame']} at {worst['time_s']:.2f} s{more}"
-    return f"{where}: REBA {worst['reba']}, {worst['risk']}"
+    score = around(worst["reba"], worst["reba_low"], worst["reba_high"])
+    return f"{where}: REBA {score}, {risk_between(worst['reba_low'], worst['reba_high'])}"
 
 
-def _segment(assessment: Assessment, name: str, count: int) -> dict[str, Any]:
-    scores = assessment.segments[name][assessment.valid]
+_MOST: Final = 8
+"""More than the highest score of a segment."""
+
+
+def _segments(recording: Recording, assessment: Assessment) -> dict[str, dict[str, Any]]:
+    """Return the statistics of every segment."""
+    # How often each lowest, likeliest and highest score are together.
+    counts = {name: np.zeros(_MOST**3, dtype=np.int64) for name in palette.SEGMENTS}
+    observed = dict.fromkeys(palette.SEGMENTS, 0.0)
+    for rows, part in blocks(assessment):
+        shares = observed_shares(recording, rows, part)
+        for name, each in counts.items():
+            ends = (part.segments_low, part.segments, part.segments_high)
+            low, likeliest, high = (end[name][part.valid] for end in ends)
+            places = (low * _MOST + likeliest) * _MOST + high
+            each += np.bincount(places, minlength=_MOST**3)
+            observed[name] += float(shares[name][part.valid].sum())
     return {
-        "mean": round(float(scores.mean()), 4) if count else None,
-        "max": int(scores.max()) if count else None,
+        name: _segment(name, each.reshape((_MOST,) * 3), observed[name])
+        for name, each in counts.items()
+    }
+
+
+def _segment(name: str, counts: np.ndarray, observed: float) -> dict[str, Any]:
+    """Return the statistics of a segment.
+
+    Args:
+        name: its name.
+        counts: number of frames with each lowest, likeliest and highest score.
+        observed: sum of the shares of its joints that are observed, over these frames.
+    """
+    count, found = int(counts.sum()), {}
+    likeliest = counts.sum(axis=(0, 2))
+    if not count:
+        ends = ("", "_low", "_high")
+        return {
+            **{f"{what}{end}": None for what in ("mean", "max") for end in ends},
+            "share": {str(score): 0.0 for score in range(1, palette.segment_highest(name) + 1)},
+            "usual": None,
+            "observed": None,
+        }
+    scores = np.arange(_MOST)
+    for end, each in (
+        ("", likeliest),
+        ("_low", counts.sum(axis=(1, 2))),
+        ("_high", counts.sum(axis=(0, 1))),
+    ):
+        found[f"mean{end}"] = round(float(scores @ each) / count, 4)
+        found[f"max{end}"] = int(np.flatnonzero(each)[-1])
+    together = counts.sum(axis=1)
+    low, high = (int(each) for each in np.unravel_index(together.argmax(), together.shape))
+    return {
+        **found,
         "share": {
-            str(score): _share(scores == score, count)
+            str(score): round(int(likeliest[score]) / count, 6)
             for score in range(1, palette.segment_highest(name) + 1)
         },
+        "usual": {"low": low, "high": high, "share": round(int(together.max()) / count, 6)},
+        "observed": round(observed / count, 6),
     }
 
 
@@ -216,7 +339,7 @@ def write_angles(
     head += [f"{centre}_error_mm" for centre in recording.errors]
     with atomic_write(table) as scratch, scratch.open("w", encoding="utf-8") as file:
         file.write(",".join(head) + "\n")
-        for rows in _blocks(recording, part_of(progress, 0.0, 0.5)):
+        for rows in frames_of(len(recording.time), part_of(progress, 0.0, 0.5)):
             scored = recording.scored[rows].astype(float)[:, None]
             errors = [1e3 * each[rows, None] for each in recording.errors.values()]
             values = np.hstack(
@@ -229,17 +352,10 @@ def write_angles(
         size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
         file.write("\n".join(["ergoqp", "version=1", *size, "inDegrees=yes", "endheader\n"]))
         file.write("\t".join(["time", *_ANGLES]) + "\n")
-        for rows in _blocks(recording, part_of(progress, 0.5, 1.0)):
+        for rows in frames_of(len(recording.time), part_of(progress, 0.5, 1.0)):
             values = np.hstack([recording.time[rows, None], _degrees(recording, rows)])
             file.write(_text(values, "\t".join(["%.6f", *["%.6f"] * len(_ANGLES)])))
     return table, motion
-
-
-def _blocks(recording: Recording, progress: Progress) -> Iterator[slice]:
-    count = len(recording.time)
-    for start in range(0, count, _BLOCK):
-        yield slice(start, start + _BLOCK)
-        progress(min(1.0, (start + _BLOCK) / count))
 
 
 def _degrees(recording: Recording, rows: slice) -> np.ndarray:

@@ -174,9 +174,12 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
     return rows
 
 
-def read_ends(
-    postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayLike | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+Ends = Callable[[slice], NDArray[np.float64]]
+"""Lower and upper ends of the joint angles of some rows (2, rows, 32) [rad], made when asked for:
+those of an hour are 220 MB."""
+
+
+def read_ends(postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayLike | None) -> Ends:
     """Return the lower and upper ends of joint angles (n, 32) [rad].
 
     Args:
@@ -185,27 +188,50 @@ def read_ends(
         high: the same.
 
     Raises:
-        InputError: if they are not such numbers, or a posture is not between them.
+        InputError: if they are not such numbers.
     """
-    ends = []
-    for name, given, unknown in (("low", low, LOWER), ("high", high, UPPER)):
-        rows = postures if given is None else read_postures(given)
-        if rows.shape != postures.shape:
+    given = {}
+    for name, end in (("low", low), ("high", high)):
+        given[name] = postures if end is None else read_postures(end)
+        if given[name].shape != postures.shape:
             raise InputError(
-                f"{name}: got shape {rows.shape}, allowed: that of postures, {postures.shape}"
+                f"{name}: got shape {given[name].shape}, allowed: that of postures,"
+                f" {postures.shape}"
             )
+
+    def ends(rows: slice) -> NDArray[np.float64]:
+        likeliest, below, above = postures[rows], given["low"][rows], given["high"][rows]
         # A known angle may be beyond the range of its joint.
-        beyond = (np.fmin if name == "low" else np.fmax)(unknown, postures)
-        ends.append(np.where(np.isnan(rows), beyond, rows))
-    wrong = (ends[0] > ends[1] + TIE) | (postures < ends[0] - TIE) | (postures > ends[1] + TIE)
+        return np.stack(
+            [
+                np.where(np.isnan(below), np.fmin(LOWER, likeliest), below),
+                np.where(np.isnan(above), np.fmax(UPPER, likeliest), above),
+            ]
+        )
+
+    return ends
+
+
+def check_ends(postures: NDArray[np.float64], ends: NDArray[np.float64], first_row: int) -> None:
+    """Check that postures are between their ends.
+
+    Args:
+        postures: a block of postures (n, 32) [rad].
+        ends: lower and upper ends of its angles (2, n, 32) [rad].
+        first_row: number of the block's first posture, for the message.
+
+    Raises:
+        InputError: if a posture is not, or its ends are exchanged.
+    """
+    low, high = ends
+    wrong = (low > high + TIE) | (postures < low - TIE) | (postures > high + TIE)
     if wrong.any():
         row, joint = (int(each[0]) for each in np.nonzero(wrong))
-        got = ", ".join(f"{each[row, joint]:g}" for each in (ends[0], postures, ends[1]))
+        got = ", ".join(f"{each[row, joint]:g}" for each in (low, postures, high))
         raise InputError(
-            f"low, high: row {row}, {JOINTS[joint]}: got low, posture and high of {got} rad,"
-            " allowed: ascending"
+            f"low, high: row {first_row + row}, {JOINTS[joint]}: got low, posture and high of"
+            f" {got} rad, allowed: ascending"
         )
-    return ends[0], ends[1]
 
 
 def _is_final(postures: ArrayLike) -> TypeGuard[NDArray[np.float64]]:
@@ -379,6 +405,14 @@ class _Scored:
     segments: dict[str, Scores8]
     table_b: dict[str, Scores8]
 
+    def rows(self, rows: slice) -> _Scored:
+        """Return the scores of some of the postures."""
+        return _Scored(
+            self.final[rows],
+            {name: scores[rows] for name, scores in self.segments.items()},
+            {side: scores[rows] for side, scores in self.table_b.items()},
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
@@ -386,8 +420,6 @@ class Assessment:
 
     Attributes:
         postures: the postures, shape (n, 32) [rad], read-only.
-        low: lower ends of the joint angles, shape (n, 32) [rad]; the postures if none are given.
-        high: upper ends, the same.
         method: how the sheet was read.
         final: REBA score (n,), 1 to 15, and 0 when invalid; int [points].
         final_low: lowest score of all postures between `low` and `high` (n,); int [points]. It is
@@ -406,8 +438,6 @@ class Assessment:
     """
 
     postures: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
     method: Method
     final: NDArray[np.int64]
     final_low: NDArray[np.int64]
@@ -417,6 +447,50 @@ class Assessment:
     _best: _Scored
     _lowest: _Scored
     _highest: _Scored
+    _ends: Ends | None
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Lower ends of the joint angles, shape (n, 32) [rad]; the postures if none are given."""
+        return self._between(slice(None))[0]
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Upper ends of the joint angles, the same, shape (n, 32) [rad]."""
+        return self._between(slice(None))[1]
+
+    def rows(self, rows: slice) -> Assessment:
+        """Return the assessment of some of the postures, without copies.
+
+        Args:
+            rows: their numbers, without gaps; for example blocks of a long recording.
+        """
+        start, stop, _ = rows.indices(len(self.final))
+        whole, rows = self._ends, slice(start, stop)
+
+        def ends(part: slice) -> NDArray[np.float64]:
+            first, last, _ = part.indices(stop - start)
+            return self._between(slice(start + first, start + last))
+
+        return Assessment(
+            self.postures[rows],
+            self.method,
+            self.final[rows],
+            self.final_low[rows],
+            self.final_high[rows],
+            self.valid[rows],
+            self._task.rows(rows),
+            self._best.rows(rows),
+            self._lowest.rows(rows),
+            self._highest.rows(rows),
+            None if whole is None else ends,
+        )
+
+    def _between(self, rows: slice) -> NDArray[np.float64]:
+        """Return lower and upper ends of the joint angles of some postures (2, rows, 32) [rad]."""
+        if self._ends is None:
+            return np.broadcast_to(self.postures[rows], (2, *self.postures[rows].shape))
+        return self._ends(rows)
 
     @cached_property
     def outside(self) -> NDArray[np.bool_]:
@@ -581,7 +655,7 @@ class Assessment:
         label = segment.label(side)
         low, high = (int(each.segments[label][i]) for each in (self._lowest, self._highest))
         if low < high:
-            ends = np.stack([self.low[i], self.high[i]])[:, :, None]
+            ends = self._between(slice(i, i + 1)).transpose(0, 2, 1)
             return explain_span(
                 segment, _as_read_between(self.method, ends)[..., 0], side, low, high
             )
@@ -637,7 +711,7 @@ def assess_rows(
     postures: NDArray[np.float64],
     method: Method,
     task: Task,
-    ends: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    ends: Ends | None = None,
 ) -> Assessment:
     """Score checked postures block by block.
 
@@ -645,10 +719,10 @@ def assess_rows(
         postures: shape (n, 32) [rad], from :func:`ergoqp.sheets.assessment.read_postures`.
         method: how the sheet is read.
         task: options of these postures.
-        ends: lower and upper ends of their angles, from `read_ends`; None: the postures.
+        ends: lower and upper ends of their angles, as from `read_ends`; None: the postures.
 
     Raises:
-        InputError: if an angle is beyond +-180 deg.
+        InputError: if an angle is beyond +-180 deg, or not between its ends.
     """
     sheet, count = sheet_of(method), len(postures)
     valid = np.empty(count, dtype=bool)
@@ -660,16 +734,17 @@ def assess_rows(
         valid[rows] = check_angles(angles, start)
         _score(sheet, method, options, _as_read(method, angles), StepFunction.score, best, rows)
         if ends is not None:
-            both = np.stack([end[rows].T for end in ends])
+            between = ends(rows)
+            check_ends(postures[rows], between, start)
+            both = np.ascontiguousarray(between.transpose(0, 2, 1))
             for end in both:
                 check_angles(end, start)
             both = _as_read_between(method, both)
             _score(sheet, method, options, both, StepFunction.lowest, lowest, rows)
             _score(sheet, method, options, both, StepFunction.highest, highest, rows)
     best.final[:] *= valid
-    low, high = ends or (postures, postures)
     finals = (each.final for each in (best, lowest, highest))
-    return Assessment(postures, low, high, method, *finals, valid, task, best, lowest, highest)
+    return Assessment(postures, method, *finals, valid, task, best, lowest, highest, ends)
 
 
 def _empty(sheet: Sheet, count: int) -> _Scored:

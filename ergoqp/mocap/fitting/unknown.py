@@ -146,8 +146,19 @@ def _about(off: np.ndarray, radius: np.ndarray) -> np.ndarray:
     return np.where(share < 1, np.arcsin(np.minimum(share, 1)), np.where(off > 0, np.pi, 0.0))
 
 
+def spans_within(spans: Spans, start: int, stop: int) -> Spans:
+    """Return the ends of the angles in the frames from one number to before another."""
+    found: Spans = {}
+    for joint, (frames, low, high) in spans.items():
+        # In the type of the frames, or all of them would be converted.
+        first, last = np.searchsorted(frames, np.array([start, stop], dtype=frames.dtype))
+        if first < last:
+            found[joint] = (frames[first:last] - start, low[first:last], high[first:last])
+    return found
+
+
 def with_spans(postures: np.ndarray, spans: Spans, upper: bool) -> np.ndarray:
-    """Return the lower or the upper ends of joint angles (n, 32) [rad].
+    """Return the lower or the upper ends of joint angles (n, 32) [rad], read-only.
 
     Args:
         postures: the likeliest angles (n, 32) [rad].
@@ -159,4 +170,5 @@ def with_spans(postures: np.ndarray, spans: Spans, upper: bool) -> np.ndarray:
         # The ends are rounded to single precision, and the posture is between them.
         beyond = np.maximum if upper else np.minimum
         ends[frames, joint] = beyond(both[upper], postures[frames, joint])
+    ends.setflags(write=False)
     return ends
