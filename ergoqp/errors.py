@@ -9,7 +9,7 @@ from pathlib import Path
 class ErgoqpError(Exception):
     """Base class of the package's own errors. The text is one sentence for the user.
 
-    On the command line the exit status is 2.
+    On the command line the exit status is 2, and 3 for a `NothingScoredError`.
 
     Example:
         >>> import ergoqp
@@ -65,6 +65,18 @@ class RecordingError(ErgoqpError):
         ... except ergoqp.errors.RecordingError as error:
         ...     print(str(error).split(":")[0])
         nowhere.bvh
+    """
+
+
+class NothingScoredError(RecordingError):
+    """No frame of a recording shows a trunk, so that none has a score.
+
+    On the command line the exit status is 3, because all files are written nevertheless.
+
+    Example:
+        >>> from ergoqp.errors import NothingScoredError, RecordingError
+        >>> issubclass(NothingScoredError, RecordingError)
+        True
     """
 
 

@@ -167,6 +167,7 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.errors.OutOfReachError",
         "ergoqp.errors.ProblemError",
         "ergoqp.errors.RecordingError",
+        "ergoqp.errors.NothingScoredError",
         "ergoqp.errors.UnknownNamesError",
         "ergoqp.errors.ModelError",
         "ergoqp.errors.MissingExtraError",

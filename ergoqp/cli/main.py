@@ -14,9 +14,9 @@ import typer
 from typer.core import TyperGroup
 
 from ergoqp._version import __version__
-from ergoqp.errors import ErgoqpError
+from ergoqp.errors import ErgoqpError, NothingScoredError
 
-DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+DONE, FAULT, MISTAKE, NOTHING, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses."""
 
 COMMANDS: Final = {
@@ -44,7 +44,8 @@ Examples:
   ergoqp fit svr
   ergoqp compare screwing
 
-Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
+Exit status: 0 done, 2 for a mistake in what was given, 3 for a recording of which no frame could be
+scored, 1 for a fault of the program.
 """
 
 
@@ -109,7 +110,8 @@ def execute(arguments: Sequence[str]) -> int:
     try:
         status = app(args=list(arguments), prog_name="ergoqp", standalone_mode=False)
     except ErgoqpError as mistake:
-        return _complain(str(mistake), MISTAKE)
+        nothing = isinstance(mistake, NothingScoredError)
+        return _complain(str(mistake), NOTHING if nothing else MISTAKE)
     except (KeyboardInterrupt, typer.Abort):
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:

@@ -16,7 +16,7 @@ from ergoqp.cli.common import (
     writing,
 )
 from ergoqp.cli.options import RecordingOptions, argument, grouped, option, out_option
-from ergoqp.errors import InputError, RecordingError, UnknownNamesError
+from ergoqp.errors import InputError, NothingScoredError, RecordingError, UnknownNamesError
 from ergoqp.human import FRACTIONS
 from ergoqp.human.person_file import write_person
 from ergoqp.joints import SIDES, spoken
@@ -27,8 +27,8 @@ from ergoqp.mocap.naming import CENTRES, LANDMARKS, template
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table
-from ergoqp.sheets.options import TaskOptions
-from ergoqp.sheets.reba import Method, assess
+from ergoqp.sheets.assessment import assess_rows
+from ergoqp.sheets.options import Method, TaskOptions, read_task, sheet_of
 from ergoqp.simulation.description import in_words
 
 ABOUT = """Score every frame of a recording by REBA.
@@ -123,7 +123,9 @@ def command(
     notes = []
     if save_person is not None:
         notes = _write_person(save_person, recording, read.person is not None)
-    assessment = assess(recording.scored_postures, method, **task)
+    postures = recording.scored_postures
+    options_of_task = read_task(sheet_of(method), len(postures), task)
+    assessment = assess_rows(postures, method, options_of_task, recording.ends)
     folder = make_folder(out, path.stem)
     screen = console()
     with working("writing scores and angles") as done, writing(folder):
@@ -139,6 +141,13 @@ def command(
         ("scores.csv", "scores.json", "angles.csv", "angles.mot"),
         lambda page: write_score_page(recording, assessment, page, options, path.name),
     )
+    if not assessment.valid.any():
+        causes = ", ".join(recording.not_scored)
+        raise NothingScoredError(
+            f"{path.name}: no frame is scored ({causes}): a trunk needs hips or pelvis, and"
+            " shoulders or neck, in the same frame or within a second; name them with --mapping,"
+            " or read another part of the recording with --window"
+        )
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

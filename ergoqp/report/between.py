@@ -1,8 +1,12 @@
-"""Values that are known between two ends, in words: ``4``, ``4 to 7``, ``5 (4 to 7)``."""
+"""Scores that are known between two ends, in words: ``4``, ``4 to 7``, ``5 (4 to 7)``.
+
+The summaries are those of `ergoqp.report.scores.summary_of`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,3 +49,74 @@ def levels_between(low: float, high: float) -> tuple[int, ...]:
     """
     ends: NDArray[np.int64] = palette.level_of_score([round(low), round(high)])
     return tuple(range(int(ends[0]), int(ends[1]) + 1))
+
+
+def of_summary(summary: Mapping[str, Any], name: str, form: str = "g") -> str:
+    """Return a statistic of a summary, or of one of its segments, with its ends.
+
+    Args:
+        summary: the summary.
+        name: name of the statistic, such as ``"mean"``.
+        form: how a number is written.
+    """
+    best, low, high = (summary[f"{name}{end}"] for end in ("", "_low", "_high"))
+    return around(best, low, high, lambda value: format(value, form))
+
+
+def is_exact(summary: Mapping[str, Any]) -> bool:
+    """Return whether every scored frame of a summary has one score."""
+    return summary["exact_frames"] == summary["valid_frames"]
+
+
+def shares_of(summary: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Return the shares of time per action level of the lowest to highest scores, by their name."""
+    low, best, high = (summary[f"share{end}"] for end in ("_low", "", "_high"))
+    if low == high:
+        return {"exact": best}
+    if best == low:
+        return {"lowest and likeliest": low, "highest": high}
+    return {"lowest": low, "likeliest": best, "highest": high}
+
+
+def worst_in_words(worst: Mapping[str, Any]) -> str:
+    """Return the worst frame of a summary, and how many more have its score."""
+    more = f" and {worst['others']} more" if worst["others"] else ""
+    where = f"frame {worst['frame']} at {worst['time_s']:.2f} s{more}"
+    score = around(worst["reba"], worst["reba_low"], worst["reba_high"])
+    return f"{where}: REBA {score}, {risk_between(worst['reba_low'], worst['reba_high'])}"
+
+
+def segment_mean(segment: Mapping[str, Any], form: str) -> str:
+    """Return the mean of a segment of a summary; without the likeliest if it is never seen."""
+    if segment["observed"]:
+        return of_summary(segment, "mean", form)
+    return between(*(format(segment[f"mean{end}"], form) for end in ("_low", "_high")))
+
+
+def segments_table(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of the table of the segments of a summary with scored frames."""
+    head = ["segment", "mean", "highest", "most often", "share of the time"]
+    rows = []
+    for name, each in summary["segments"].items():
+        usual = each["usual"]
+        rows.append(
+            [
+                name.replace("_", " "),
+                segment_mean(each, ".2f"),
+                between(str(each["max_low"]), str(each["max_high"])),
+                between(str(usual["low"]), str(usual["high"])),
+                f"{100 * usual['share']:.0f} %",
+            ]
+        )
+    if any(each["mean_low"] < each["mean_high"] for each in summary["segments"].values()):
+        head.append("seen")
+        for row, each in zip(rows, summary["segments"].values(), strict=True):
+            row.append(seen_in_words(each))
+    return head, rows
+
+
+def seen_in_words(segment: Mapping[str, Any]) -> str:
+    """Return how much of a segment of a summary is seen, ``"not seen"`` or a share."""
+    share = segment["observed"]
+    # A single frame more or less must not look like all or nothing.
+    return f"{min(max(100 * share, 1), 99 if share < 1 else 100):.0f} %" if share else "not seen"

@@ -35,6 +35,8 @@ class Headline:
         level: action level 0 to 4, -1 without a colour.
         words: text below it.
         arrow: whether an arrow leads to it from the one before.
+        levels: action levels from the lowest to the highest that the score may have; empty if
+            there is one.
     """
 
     label: str
@@ -42,6 +44,7 @@ class Headline:
     level: int
     words: str
     arrow: bool = False
+    levels: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,7 @@ class Page:
         replay_note: how the replay differs from real time.
         notes: further problems, one sentence each.
         stays: segments that still cost points, each with its reason, below `change`.
+        grey: meaning of grey on the body.
     """
 
     title: str
@@ -139,6 +143,7 @@ class Page:
     replay_note: str = ""
     notes: Sequence[str] = ()
     stays: Sequence[str] = ()
+    grey: str = "not scored"
 
 
 def score_headline(label: str, score: float) -> Headline:

@@ -41,7 +41,7 @@ def level_of_points(points: ArrayLike) -> NDArray[np.int64]:
     """Return the colour level 0 to 4 of segment scores: points above the best; -1 without a score.
 
     Args:
-        points: segment scores, any shape; 0 if the posture could not be scored.
+        points: segment scores, any shape; 0 or less without a score.
     """
     return np.clip(np.asarray(points, dtype=np.int64) - 1, -1, len(COLOURS) - 1)
 

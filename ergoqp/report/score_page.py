@@ -5,17 +5,28 @@ It also gives the reasons of the worst moment.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ergoqp.joints import JOINTS, spoken
+from ergoqp.joints import spoken
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
+from ergoqp.report.between import (
+    around,
+    between,
+    is_exact,
+    levels_between,
+    of_summary,
+    risk_between,
+    segments_table,
+    shares_of,
+    worst_in_words,
+)
 from ergoqp.report.body.figure import posture_figure
 from ergoqp.report.body.person import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
@@ -29,10 +40,10 @@ from ergoqp.report.page import (
     Section,
     closing_sections,
     is_seated,
-    score_headline,
     write_page,
 )
-from ergoqp.report.scores import summary_of, worst_in_words
+from ergoqp.report.scores import summary_of
+from ergoqp.report.seen import shown_scores
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
 
@@ -57,18 +68,20 @@ def write_score_page(
         MissingExtraError: if viser or jinja2 is not installed.
         OSError: if the file cannot be written.
     """
+    summary = summary_of(recording, assessment)
+    shown, most = shown_scores(recording, assessment, palette.SEGMENTS)
     movement = Movement(
         recording.person,
         recording.time,
         recording.postures,
         recording.base_poses,
         assessment.final,
-        assessment.segments,
+        shown,
         recording.object_poses,
         is_seated(assessment),
+        ends=None if is_exact(summary) else (assessment.final_low, assessment.final_high),
     )
     timing = timing_of(recording.time)
-    summary = summary_of(recording, assessment)
     page = Page(
         title=title,
         subtitle="REBA of a recorded movement.",
@@ -78,11 +91,12 @@ def write_score_page(
         replay_note=timing.note,
         figures=_figures(movement, assessment, summary),
         sections=[
-            _over_time(recording, assessment, summary),
+            _over_time(movement, most, summary),
             _worst(recording, assessment, summary),
             _fit(recording, summary),
             *closing_sections(recording.assumptions, options),
         ],
+        grey="not seen" if any((each < 0).any() for each in shown.values()) else "not scored",
     )
     write_page(page, path)
 
@@ -91,12 +105,39 @@ def _headlines(summary: dict[str, Any]) -> list[Headline]:
     worst = summary["worst"]
     if worst is None:
         return [Headline("score", "–", -1, "no frame could be scored")]
-    alarming = sum(summary["share"][name] for name in reba.ACTION_LEVELS[3:])
+    mean = [summary[f"mean{end}"] for end in ("_low", "", "_high")]
+    scores = [worst[f"reba{end}"] for end in ("_low", "", "_high")]
+    high = [100 * _alarming(summary[f"share{end}"]) for end in ("_low", "", "_high")]
+    words = [f"{each:.0f}" for each in high]
+    likeliest = f", likeliest {words[1]} %" if words[1] not in (words[0], words[2]) else ""
     return [
-        replace(score_headline("mean", summary["mean"]), value=f"{summary['mean']:.1f}"),
-        score_headline(f"worst, at {worst['time_s']:.1f} s", worst["reba"]),
-        Headline("time at high risk or above", f"{100 * alarming:.0f} %", -1, "REBA 8 and more"),
+        _headline("mean", mean, ".1f"),
+        _headline(f"worst, at {worst['time_s']:.1f} s", scores, "d"),
+        Headline(
+            "time at high risk or above",
+            f"{between(words[0], words[2])} %",
+            -1,
+            f"REBA 8 and more{likeliest}",
+        ),
     ]
+
+
+def _headline(label: str, scores: Sequence[float], form: str) -> Headline:
+    """Return lowest, likeliest and highest of a score, or of a mean of scores, as a headline."""
+    low, best, high = scores
+    words = [format(each, form) for each in scores]
+    levels = levels_between(low, high)
+    risk = risk_between(round(low), round(high))
+    likeliest = f", likeliest {words[1]}" if low < best < high else ""
+    if len(levels) == 1:
+        return Headline(label, between(words[0], words[2]), levels[0], f"{risk} risk{likeliest}")
+    # No colour of one level: the score may be of another.
+    value = between(words[0], words[2])
+    return Headline(label, value, -1, f"{risk} risk{likeliest}", levels=levels)
+
+
+def _alarming(share: dict[str, float]) -> float:
+    return sum(share[name] for name in reba.ACTION_LEVELS[3:])
 
 
 def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
@@ -105,7 +146,10 @@ def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("frames", f"{summary['valid_frames']} of {summary['frames']} scored"),
     ]
     if summary["worst"] is not None:
-        facts += [("median", f"{summary['median']:g}"), ("95th percentile", f"{summary['p95']:g}")]
+        if not is_exact(summary):
+            facts.append(("known exactly", f"{summary['exact_frames']} frames"))
+        facts.append(("median", of_summary(summary, "median")))
+        facts.append(("95th percentile", of_summary(summary, "p95")))
     facts.append(("stature", f"{summary['stature_m']:.2f} m"))
     if summary["fit_error_mm"] is not None:
         facts.append(("fit error", f"median {summary['fit_error_mm']['median']:.1f} mm"))
@@ -116,7 +160,9 @@ def _figures(movement: Movement, assessment: Assessment, summary: dict[str, Any]
     if summary["worst"] is None:
         return []
     worst = summary["worst"]["frame"]
-    lowest = int(np.argmin(np.where(assessment.valid, assessment.final, np.iinfo(np.int64).max)))
+    # Of the frames with the lowest score, one that may not be much higher.
+    rank = 100 * assessment.final + assessment.final_high
+    lowest = int(np.argmin(np.where(assessment.valid, rank, np.iinfo(np.int64).max)))
     pictures = []
     for name, i in (("worst moment", worst), ("best moment", lowest)):
         posture = movement.at(np.array([i]))
@@ -130,42 +176,113 @@ def _figures(movement: Movement, assessment: Assessment, summary: dict[str, Any]
             name.capitalize(),
             contact,
         )
-        risk = palette.risk_of_level(int(assessment.band[i]))
-        pictures.append(
-            Picture(svg, f"{name}, {movement.time[i]:.1f} s: REBA {assessment.final[i]}, {risk}")
-        )
+        scores = (assessment.final, assessment.final_low, assessment.final_high)
+        best, low, high = (int(each[i]) for each in scores)
+        said = f"REBA {around(best, low, high)}, {risk_between(low, high)}"
+        pictures.append(Picture(svg, f"{name}, {movement.time[i]:.1f} s: {said}"))
     return pictures
 
 
-def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, Any]) -> Section:
+def _over_time(
+    movement: Movement, most: Mapping[str, NDArray[np.int8]], summary: dict[str, Any]
+) -> Section:
+    """Return the section of the score over time.
+
+    Args:
+        movement: the scored movement.
+        most: segment -> highest score where it is not exact, else 0, shape (n,).
+        summary: its summary.
+    """
     worst = summary["worst"]
     marks = (
-        [] if worst is None else [(float(recording.time[worst["frame"]]), worst["reba"], "worst")]
+        [] if worst is None else [(float(movement.time[worst["frame"]]), worst["reba"], "worst")]
     )
-    shares = {f"{name} risk": summary["share"][name] for name in reba.ACTION_LEVELS}
-    missing = [j for j in range(len(JOINTS)) if not recording.observed[:, j].any()]
-    intro = ""
-    if missing:
-        joints = ", ".join(spoken(JOINTS[j]) for j in missing)
-        intro = f"Not determined by the recording and set to zero: {joints}."
+    shares = {
+        f"{name} scores": {f"{risk} risk": share for risk, share in each.items()}
+        for name, each in shares_of(summary).items()
+    }
+    score = partial(score_chart, movement.time, movement.final, marks=marks, ends=movement.ends)
+    share = partial(
+        shares_chart, "Share of time per risk level", shares, range(len(reba.ACTION_LEVELS))
+    )
+    open_ = movement.ends is not None
+    strips = partial(
+        segments_strips,
+        movement.time,
+        movement.segments,
+        most if open_ else None,
+        _notes(summary) if open_ else None,
+    )
+    strips_words = "Segment scores, in the colours of the body."
+    if open_:
+        strips_words += (
+            " Grey: not seen. A thin line below: the score is not exact, and its colour is that of"
+            " the highest that it may be."
+        )
     return Section(
         "Score",
-        intro,
+        _what_is_open(summary),
         pictures=[
-            Picture.of(
-                partial(score_chart, recording.time, assessment.final, marks=marks),
-                "Score over time, with the risk levels.",
-            ),
-            Picture.of(
-                partial(shares_chart, "Share of time per risk level", shares, range(len(shares))),
-                "Share of the scored time.",
-            ),
-            Picture.of(
-                partial(segments_strips, recording.time, assessment.segments),
-                "Segment scores, in the colours of the body.",
-            ),
+            Picture.of(score, "Score over time, with the risk levels."),
+            Picture.of(share, _shares_words(summary)),
+            Picture.of(strips, strips_words),
         ],
     )
+
+
+def _what_is_open(summary: dict[str, Any]) -> str:
+    """Return why scores have two ends, in words; empty if all are exact."""
+    if is_exact(summary):
+        return ""
+    scored, exact = summary["valid_frames"], summary["exact_frames"]
+    words = (
+        f"{exact} of {scored} scored frames have one score. The others are between two ends: the"
+        " lowest and the highest score of all postures that agree with what was recorded. The"
+        " likeliest posture has joints that are never seen at zero."
+    )
+    never, partly, doubtful = [], [], []
+    for name, each in summary["segments"].items():
+        said = name.replace("_", " ")
+        if each["mean_low"] == each["mean_high"]:
+            continue
+        if not each["observed"]:
+            never.append(said)
+        elif each["observed"] < 1:
+            partly.append(said)
+        else:
+            doubtful.append(said)
+    if never:
+        words += f" Not seen: {', '.join(never)}."
+    if partly:
+        words += f" Seen in part, or for a part of the time: {', '.join(partly)}."
+    if doubtful:
+        words += f" Seen, but not exact: {', '.join(doubtful)}."
+    return words
+
+
+def _shares_words(summary: dict[str, Any]) -> str:
+    if is_exact(summary) or summary["worst"] is None:
+        return "Share of the scored time."
+    ends = []
+    for name, share in shares_of(summary).items():
+        risks = [f"{risk} {100 * each:.0f} %" for risk, each in share.items() if each]
+        ends.append(f"{name} scores: {', '.join(risks)}")
+    return f"Share of the scored time. {'; '.join(ends)}."
+
+
+def _notes(summary: dict[str, Any]) -> dict[str, str]:
+    """Return what stands at the end of each segment's row."""
+    notes = {}
+    for name, each in summary["segments"].items():
+        if each["mean"] is None:
+            notes[name] = "not scored"
+        elif not each["observed"] and each["mean_low"] < each["mean_high"]:
+            ends = between(str(each["max_low"]), str(each["max_high"]))
+            notes[name] = f"not seen, {ends}"
+        else:
+            mean = between(*(f"{each[f'mean{end}']:.1f}" for end in ("_low", "_high")))
+            notes[name] = f"mean {mean} of {palette.segment_highest(name)}"
+    return notes
 
 
 def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]) -> Section:
@@ -175,35 +292,22 @@ def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]
         return Section("Worst moment", "No frame could be scored.", sentences=causes)
     words = worst_in_words(worst)
     intro = f"{words[0].upper()}{words[1:]}."
-    segments = [
-        (
-            name.replace("_", " "),
-            f"{each['mean']:.2f}",
-            str(each["max"]),
-            *_highest_share(each["share"]),
-        )
-        for name, each in summary["segments"].items()
-    ]
-    head = ("segment", "mean", "highest", "most often", "share of the time")
+    head, segments = segments_table(summary)
     return Section(
         "Worst moment and segments",
         intro,
         tables=[
             PageTable(("reasons",), [(sentence,) for sentence in worst["reasons"]]),
-            PageTable(head, segments, numeric=(1, 2, 3, 4)),
+            PageTable(head, segments, numeric=range(1, len(head))),
         ],
     )
-
-
-def _highest_share(share: dict[str, float]) -> tuple[str, str]:
-    score = max(share, key=lambda name: share[name])
-    return score, f"{100 * share[score]:.0f} %"
 
 
 def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
     error = {"fit error": 1e3 * recording.fit_error}
     outside = [(spoken(name), str(frames)) for name, frames in summary["outside"].items()]
     causes = [(cause, str(frames)) for cause, frames in summary["not_scored"].items()]
+    doubts = [(cause, str(frames)) for cause, frames in summary["doubts"].items()]
     centres = [
         (spoken(centre), f"{each['median']:.0f}", f"{each['max']:.0f}")
         for centre, each in summary["centre_error_mm"].items()
@@ -218,6 +322,7 @@ def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
     ]
     tables = [
         PageTable(("not scored", "frames"), causes, numeric=(1,)),
+        PageTable(("in doubt, and taken as not seen", "frames"), doubts, numeric=(1,)),
         PageTable(("joint beyond its range", "frames"), outside, numeric=(1,)),
         PageTable(("joint centre", "median, mm", "highest, mm"), centres, numeric=(1, 2)),
         PageTable(("marker", "moves with", "residual, RMS, mm"), markers, numeric=(2,)),

@@ -43,7 +43,6 @@ from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
-from ergoqp.report.between import around, risk_between
 from ergoqp.report.seen import blocks, frames_of, observed_shares
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import elevation_of
@@ -232,14 +231,6 @@ def _worst(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "reasons": assessment.reasons(i),
         "others": int(np.sum(assessment.final == assessment.final[i])) - 1,
     }
-
-
-def worst_in_words(worst: dict[str, Any]) -> str:
-    """Return the worst frame of a summary, and how many more have its score."""
-    more = f" and {worst['others']} more" if worst["others"] else ""
-    where = f"frame {worst['frame']} at {worst['time_s']:.2f} s{more}"
-    score = around(worst["reba"], worst["reba_low"], worst["reba_high"])
-    return f"{where}: REBA {score}, {risk_between(worst['reba_low'], worst['reba_high'])}"
 
 
 _MOST: Final = 8

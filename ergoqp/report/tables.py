@@ -12,8 +12,15 @@ from rich.text import Text
 
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
+from ergoqp.report.between import (
+    is_exact,
+    of_summary,
+    segments_table,
+    shares_of,
+    worst_in_words,
+)
 from ergoqp.report.run_facts import RunFacts, hint_of, told_of, violation_rows
-from ergoqp.report.scores import summary_of, worst_in_words
+from ergoqp.report.scores import summary_of
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
 
@@ -84,25 +91,30 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
     if summary["not_scored"]:
         causes = [f"{cause} {count}" for cause, count in summary["not_scored"].items()]
         rows.append(("not scored", ", ".join(causes)))
+    if summary["doubts"]:
+        causes = [f"{cause} {count}" for cause, count in summary["doubts"].items()]
+        rows.append(("in doubt", ", ".join(causes)))
     worst = summary["worst"]
     if worst is None:
         return _words_table(rows)
-    reba = f"mean {summary['mean']:.2f}, median {summary['median']:g}, p95 {summary['p95']:g}"
-    rows.append(("REBA", f"{reba}, max {summary['max']}"))
-    shares = [f"{name} {100 * share:.0f} %" for name, share in summary["share"].items()]
-    rows.append(("time at risk", ", ".join(shares)))
+    exact = is_exact(summary)
+    if not exact:
+        rows.append(("known exactly", f"{summary['exact_frames']} of the scored frames"))
+    reba = f"mean {of_summary(summary, 'mean', '.2f')}, median {of_summary(summary, 'median')}"
+    reba += f", p95 {of_summary(summary, 'p95')}, max {of_summary(summary, 'max')}"
+    rows.append(("REBA", reba))
+    for name, share in shares_of(summary).items():
+        shares = [f"{risk} {100 * each:.0f} %" for risk, each in share.items()]
+        rows.append(("time at risk" if exact else f"time, {name} scores", ", ".join(shares)))
     if summary["fit_error_mm"] is not None:
         error = summary["fit_error_mm"]
         rows.append(("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm"))
     rows.append(("worst", worst_in_words(worst)))
-    segments = [
-        (name.replace("_", " "), f"{each['mean']:.2f}", str(each["max"]))
-        for name, each in summary["segments"].items()
-    ]
+    head, segments = segments_table(summary)
     return Group(
         _words_table(rows),
         table_of(None, ("why",), [(Text(why),) for why in worst["reasons"]], overflow="fold"),
-        table_of(None, ("segment", "mean", "highest"), segments, overflow="fold"),
+        table_of(None, head, segments, overflow="fold"),
     )
 
 

@@ -743,8 +743,19 @@ def assess_rows(
             _score(sheet, method, options, both, StepFunction.lowest, lowest, rows)
             _score(sheet, method, options, both, StepFunction.highest, highest, rows)
     best.final[:] *= valid
-    finals = (each.final for each in (best, lowest, highest))
-    return Assessment(postures, method, *finals, valid, task, best, lowest, highest, ends)
+    return Assessment(
+        postures,
+        method,
+        best.final,
+        lowest.final,
+        highest.final,
+        valid,
+        task,
+        best,
+        lowest,
+        highest,
+        ends,
+    )
 
 
 def _empty(sheet: Sheet, count: int) -> _Scored:

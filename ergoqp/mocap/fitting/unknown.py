@@ -73,7 +73,8 @@ def spans_of(
             low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
         frames = np.flatnonzero(low < high).astype(np.int32)
         if len(frames):
-            found[joint] = (frames, *(end[frames].astype(np.float32) for end in (low, high)))
+            low, high = (end[frames].astype(np.float32) for end in (low, high))
+            found[joint] = (frames, low, high)
     return found
 
 

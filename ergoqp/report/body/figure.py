@@ -33,7 +33,7 @@ class Drawing:
         body: the person.
         posture: shape (32,) [rad], finite.
         base_pose: pelvis in the world, shape (4, 4).
-        segments: segment -> score.
+        segments: segment -> score, less than 1 without one.
         contact: contact frame of the held object in the world, shape (4, 4), None without an
             object.
 
@@ -151,7 +151,7 @@ def posture_figure(
 def said_of(segments: Mapping[str, int]) -> str:
     """Return the scores of the segments in words."""
     return ", ".join(
-        f"{name.replace('_', ' ')} {segments[name]}"
+        f"{name.replace('_', ' ')} {segments[name] if segments[name] > 0 else 'not seen'}"
         for name in palette.SEGMENTS
         if name in segments
     )

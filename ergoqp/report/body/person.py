@@ -252,13 +252,15 @@ class Movement:
         postures: shape (n, 32) [rad]; NaN if there is none.
         base_poses: pelvis in the world, upright, shape (n, 4, 4).
         final: score, 0 without a score; shape (n,).
-        segments: scores of the segments, shape (n,) each.
+        segments: scores of the segments, shape (n,) each; less than 1 is drawn without a colour.
         object_poses: contact frame of the held object in the world, shape (n, 4, 4), None
             without an object.
         seated: whether the person sits; a seat is then drawn.
         held: whether a robot holds the object; a robot is then drawn.
         forces: forces of the object on the hands, world-aligned, shape (n, 3) or more [N];
             None: unknown.
+        ends: lowest and highest score, shape (n,) each, if `final` is the likeliest; None: it is
+            exact.
     """
 
     body: Body
@@ -266,11 +268,12 @@ class Movement:
     postures: NDArray[np.float64]
     base_poses: NDArray[np.float64]
     final: NDArray[np.int64]
-    segments: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    segments: Mapping[str, NDArray[np.integer]] = field(default_factory=dict)
     object_poses: NDArray[np.float64] | None = None
     seated: bool = False
     held: bool = False
     forces: NDArray[np.float64] | None = None
+    ends: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
 
     def at(self, samples: NDArray[np.int64]) -> Movement:
         """Return some samples. A missing posture or pose is replaced by the last one before it.
@@ -290,6 +293,7 @@ class Movement:
             segments={name: scores[samples] for name, scores in self.segments.items()},
             object_poses=objects,
             forces=None if self.forces is None else np.nan_to_num(self.forces[samples]),
+            ends=None if self.ends is None else (self.ends[0][samples], self.ends[1][samples]),
         )
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import MissingExtraError
 from ergoqp.expressions import quaternion_of
 from ergoqp.report import palette
+from ergoqp.report.between import between, risk_between
 from ergoqp.report.body.person import (
     Holder,
     Movement,
@@ -330,7 +331,10 @@ class _Words:
 
 def _score_text(movement: Movement, frame: int) -> str:
     score = int(movement.final[frame])
-    return f"REBA {score}, {palette.risk_of_score(score)}" if score else "not scored"
+    if not score:
+        return "not scored"
+    low, high = (score, score) if movement.ends is None else (end[frame] for end in movement.ends)
+    return f"REBA {between(str(low), str(high))}, {risk_between(int(low), int(high))}"
 
 
 def _time_text(movement: Movement, frame: int) -> str:

@@ -124,7 +124,7 @@ def thinned(x: NDArray[np.float64], y: NDArray[np.float64], columns: int = 700) 
     return x[kept], y[kept]
 
 
-def changes(values: NDArray[np.int64]) -> NDArray[np.int64]:
+def changes(values: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return the positions at which a piecewise constant series changes its value.
 
     The first sample is one of them.
@@ -133,7 +133,7 @@ def changes(values: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def highest_per_column(
-    x: NDArray[np.float64], values: NDArray[np.int64], columns: int = 700
+    x: NDArray[np.float64], values: NDArray[np.integer], columns: int = 700
 ) -> list[tuple[float, float, int]]:
     """Return stretches (from, to, value) of a piecewise constant series.
 
@@ -180,7 +180,7 @@ class Plot:
         y: lowest and highest value of the vertical axis.
         x_label: label with its unit.
         y_label: label with its unit.
-        legend: class and name of each line, in order.
+        legend: class and name of each line, in order; the class of an area is ``"span"``.
         height: height of the data's rectangle [px].
         right: room on its right side [px].
         y_ticks: positions of numbers; None: round ones.
@@ -239,6 +239,32 @@ class Plot:
         x, y = thinned(x, y, int(self.right - self.left))
         drawn = svg.path(self.x(x), self.y(y), steps=steps)
         self._front.append(svg.element("path", d=drawn, class_=f"line {style}"))
+
+    def area(
+        self, x: NDArray[np.float64], low: NDArray[np.int64], high: NDArray[np.int64], style: str
+    ) -> None:
+        """Fill between two piecewise constant series, at the visible resolution.
+
+        Within a column, the lowest and the highest value count.
+
+        Args:
+            x: ascending, shape (n,).
+            low: shape (n,); 0 interrupts the area.
+            high: shape (n,).
+            style: class of the area.
+        """
+        columns = int(self.right - self.left)
+        if len(x) > columns:
+            starts = np.flatnonzero(np.diff(columns_of(x, columns), prepend=-1))
+            most = np.iinfo(low.dtype).max
+            low = np.minimum.reduceat(np.where(low > 0, low, most), starts)
+            low = np.where(low == most, 0, low)
+            x, high = np.append(x[starts], x[-1]), np.maximum.reduceat(high, starts)
+            low, high = np.append(low, low[-1:]), np.append(high, high[-1:])
+        kept = np.unique(np.concatenate([changes(low), changes(high), [len(x) - 1]]))
+        ends = (np.where(low[kept] > 0, each[kept], np.nan) for each in (low, high))
+        drawn = svg.area(self.x(x[kept]), *(self.y(each) for each in ends))
+        self._front.append(svg.element("path", d=drawn, class_=style))
 
     def add(self, *elements: str) -> None:
         """Add elements in front, at pixel positions from the scales `x` and `y`."""
@@ -301,7 +327,7 @@ def time_axis(scale: Scale, top: float, bottom: float, label: str) -> list[str]:
 
 
 def _legend(entries: Sequence[tuple[str, str]], left: float, right: float) -> tuple[list[str], int]:
-    """Return line samples with their names, wrapped into rows, and the number of rows."""
+    """Return samples of lines and areas with their names, in rows, and the number of rows."""
     drawn: list[str] = []
     x, row = left, 0
     for style, name in entries:
@@ -309,9 +335,11 @@ def _legend(entries: Sequence[tuple[str, str]], left: float, right: float) -> tu
         if x > left and x + width > right:
             x, row = left, row + 1
         y = 12 + _LEGEND_ROW * row
-        drawn.append(
-            svg.element("path", d=f"M{x:.1f} {y:.1f}H{x + 20:.1f}", class_=f"line {style} sample")
-        )
+        if style == "span":
+            drawn.append(svg.rect(x, y - 6, 20, 12, class_=style))
+        else:
+            sample = f"M{x:.1f} {y:.1f}H{x + 20:.1f}"
+            drawn.append(svg.element("path", d=sample, class_=f"line {style} sample"))
         drawn.append(svg.text(name, x + 26, y + 4, class_="small"))
         x += width + 16
     return drawn, row + 1 if entries else 0

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import MissingExtraError
 from ergoqp.files.atomic import atomic_write
 from ergoqp.report import palette
+from ergoqp.report.between import around
 from ergoqp.report.charts import svg
 from ergoqp.report.charts.axes import (
     WIDTH,
@@ -38,6 +39,7 @@ def score_chart(
     cost: NDArray[np.float64] | None = None,
     marks: Sequence[tuple[float, int, str]] = (),
     *,
+    ends: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
     width: float = WIDTH,
 ) -> str:
     """Draw the score over time on the bands of its action levels.
@@ -47,12 +49,16 @@ def score_chart(
         final: exact score, 0 without a score; shape (n,).
         cost: smooth cost, shape (n,), or None.
         marks: time [s], score and name of each mark.
+        ends: lowest and highest score, shape (n,) each, if `final` is the likeliest.
         width: width of the chart [px].
     """
-    highest = max(8, int(final.max(initial=1)) + 1)
+    top = final if ends is None else ends[1]
+    highest = max(8, int(top.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
         highest = max(highest, min(16, int(np.ceil(np.nanmax(cost)))))
     legend = [("score", "REBA, exact")]
+    if ends is not None:
+        legend = [("score", "REBA, likeliest posture"), ("span", "lowest to highest")]
     if cost is not None:
         legend.append(("cost", "smooth cost of the measured posture"))
     plot = Plot(
@@ -71,6 +77,8 @@ def score_chart(
         if low <= highest:
             risk, top = palette.risk_of_level(level), min(high, highest + 1) - 0.5
             plot.shade(low - 0.5, top, risk, class_=f"level{level} band")
+    if ends is not None:
+        plot.area(time, *ends, "span")
     if cost is not None:
         plot.line(time, cost, "cost")
     held = np.where(final > 0, final, np.nan).astype(float)
@@ -78,14 +86,19 @@ def score_chart(
     kept = np.unique(np.append(changes(final), len(final) - 1))
     plot.line(time[kept], held[kept], "score", steps=True)
     for at, score, name in marks:
-        x, y = plot.x.at(at), plot.y.at(score)
-        plot.add(*named_dot(x, y, 4.5, "dot", f"{name} {score}", plot.right))
+        x, y, words = plot.x.at(at), plot.y.at(score), str(score)
+        if ends is not None:
+            low, high = (int(end[np.searchsorted(time, at)]) for end in ends)
+            words = around(score, low, high)
+        plot.add(*named_dot(x, y, 4.5, "dot", f"{name} {words}", plot.right))
     scored = final[final > 0]
     said = (
         f"From {scored[0]} to {scored[-1]}, highest {scored.max()}, lowest {scored.min()}."
         if scored.size
         else "No score."
     )
+    if ends is not None and scored.size:
+        said += f" It may be {ends[0][final > 0].min()} to {ends[1].max()}."
     return plot.picture("Score over time", said)
 
 
@@ -155,36 +168,63 @@ def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float 
 
 
 def shares_chart(
-    title: str, shares: Mapping[str, float], levels: Sequence[int], *, width: float = WIDTH
+    title: str,
+    bars: Mapping[str, Mapping[str, float]],
+    levels: Sequence[int],
+    *,
+    width: float = WIDTH,
 ) -> str:
-    """Draw shares of time as one bar.
+    """Draw shares of time as one bar, or as several below their names.
 
     Args:
         title: title of the chart.
-        shares: name -> share, 0 to 1.
-        levels: colour level of each, -1 for no score.
+        bars: name of the bar -> name -> share, 0 to 1; a single bar's name is not shown.
+        levels: colour level of each share, -1 for no score.
         width: width of the chart [px].
     """
     drawn: list[str] = []
-    x, legend_x, legend_y = 0.0, 0.0, 68.0
+    several = len(bars) > 1
+    y = 0.0
+    for bar, shares in bars.items():
+        if several:
+            drawn.append(svg.text(bar, 0, y + 14, class_="small"))
+            y += 18
+        drawn += _bar(shares, levels, y + 4, width)
+        y += 46 if several else 42
+    x, y = 0.0, y + (14 if several else 26)
+    for name, level in zip(next(iter(bars.values())), levels, strict=True):
+        percents = [f"{100 * shares[name]:.1f} %" for shares in bars.values()]
+        label = name if several else f"{name}, {percents[0]}"
+        if x + 24 + width_of(label) > width:
+            x, y = 0.0, y + 22
+        drawn.append(svg.rect(x, y - 10, 14, 12, class_=f"{_style(level)} edge"))
+        drawn.append(svg.text(label, x + 20, y, class_="small"))
+        x += 40 + width_of(label)
+    said = [
+        "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
+        for shares in bars.values()
+    ]
+    words = [f"{bar}: {each}." for bar, each in zip(bars, said, strict=True)]
+    return svg.picture(drawn, width, y + 10, title, " ".join(words) if several else f"{said[0]}.")
+
+
+def _bar(shares: Mapping[str, float], levels: Sequence[int], y: float, width: float) -> list[str]:
+    """Return shares as stretches of a bar at a height [px]."""
+    drawn, x = [], 0.0
     for (name, share), level in zip(shares.items(), levels, strict=True):
         length, words = share * width, f"{100 * share:.0f} %"
-        style = f"level{level}" if level >= 0 else "unscored"
         if length > 0:
             what = svg.tooltip(f"{name}: {words}")
-            drawn.append(svg.rect(x, 4, length, 36, what, class_=f"{style} edge"))
+            drawn.append(svg.rect(x, y, length, 36, what, class_=f"{_style(level)} edge"))
         if length > width_of(words) + 8:
             ink = f"fill:{palette.ink_of_level(level)}"
-            drawn.append(svg.text(words, x + length / 2, 27, class_="middle strong", style=ink))
+            drawn.append(svg.text(words, x + length / 2, y + 23, class_="middle strong", style=ink))
         x += length
-        label = f"{name}, {100 * share:.1f} %"
-        if legend_x + 24 + width_of(label) > width:
-            legend_x, legend_y = 0.0, legend_y + 22
-        drawn.append(svg.rect(legend_x, legend_y - 10, 14, 12, class_=f"{style} edge"))
-        drawn.append(svg.text(label, legend_x + 20, legend_y, class_="small"))
-        legend_x += 40 + width_of(label)
-    said = "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
-    return svg.picture(drawn, width, legend_y + 10, title, f"{said}.")
+    return drawn
+
+
+def _style(level: int) -> str:
+    return f"level{level}" if level >= 0 else "unscored"
 
 
 def _interval(time: NDArray[np.float64]) -> tuple[float, float]:

@@ -31,6 +31,7 @@ from ergoqp.sheets.reba import ACTION_LEVELS
 _ROW: Final = 26.0
 _WORDS: Final = 14.0  # room for the text above a row [px]
 _LONGEST_LABEL: Final = 30  # characters
+_LINE: Final = 5.0  # height of the thin line of a row [px]
 _THINNEST: Final = 2.4  # of a stretch, so that a single step is visible [px]
 
 
@@ -43,12 +44,14 @@ class Strip:
         values: shape (n,); 0 draws nothing, any other value draws the class in `styles`.
         styles: value -> class and words.
         note: text at the end of the row.
+        most: values of a thin line at the lower end, drawn likewise; None without it.
     """
 
     name: str
-    values: NDArray[np.int64]
+    values: NDArray[np.integer]
     styles: Mapping[int, tuple[str, str]]
     note: str
+    most: NDArray[np.integer] | None = None
 
 
 def strips_chart(
@@ -87,21 +90,51 @@ def strips_chart(
             label = svg.text(short, left - 8, y + _ROW / 2 + 4, class_="small end")
             note = svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small")
         drawn.append(svg.element("g", [full, label]))
-        for start, end, value in highest_per_column(time, strip.values, int(right - left)):
-            if value:
-                style, said = strip.styles[value]
-                x = scale.at(start)
-                length = max(scale.at(end) - x, _THINNEST)
-                what = svg.tooltip(f"{strip.name}: {said}, {start:.2f} to {end:.2f} s")
-                drawn.append(svg.rect(x, y + 4, length, _ROW - 8, what, class_=style))
+        drawn += _stretches(strip, strip.values, "", time, scale, y + 4, _ROW - 8)
+        if strip.most is not None:
+            place = y + _ROW - 4 - _LINE
+            drawn += _stretches(strip, strip.most, "at most ", time, scale, place, _LINE)
         drawn.append(note)
     said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
     return svg.picture(drawn, width, bottom + 42, title, f"{said}.")
 
 
+def _stretches(
+    strip: Strip,
+    values: NDArray[np.integer],
+    before: str,
+    time: NDArray[np.float64],
+    scale: Scale,
+    y: float,
+    height: float,
+) -> list[str]:
+    """Return the coloured stretches of a row.
+
+    Args:
+        strip: the row.
+        values: its values (n,).
+        before: words before those of each value.
+        time: shape (n,) [s].
+        scale: scale of the time.
+        y: upper end of the stretches [px].
+        height: their height [px].
+    """
+    drawn = []
+    for start, end, value in highest_per_column(time, values, int(scale.end - scale.start)):
+        if value:
+            style, said = strip.styles[value]
+            x = scale.at(start)
+            length = max(scale.at(end) - x, _THINNEST)
+            what = svg.tooltip(f"{strip.name}: {before}{said}, {start:.2f} to {end:.2f} s")
+            drawn.append(svg.rect(x, y, length, height, what, class_=style))
+    return drawn
+
+
 def segments_strips(
     time: NDArray[np.float64],
-    segments: Mapping[str, NDArray[np.int64]],
+    segments: Mapping[str, NDArray[np.integer]],
+    most: Mapping[str, NDArray[np.integer]] | None = None,
+    notes: Mapping[str, str] | None = None,
     *,
     width: float = WIDTH,
 ) -> str:
@@ -109,7 +142,9 @@ def segments_strips(
 
     Args:
         time: shape (n,) [s].
-        segments: name -> scores, 0 without a score; shape (n,) each.
+        segments: name -> scores, 0 without a score, -1 where it is not seen; shape (n,) each.
+        most: name -> highest score that it may have, 0 where it is exact; shape (n,) each.
+        notes: name -> text at the end of its row; None: the mean of its scores.
         width: width of the chart [px].
     """
     strips = []
@@ -118,10 +153,14 @@ def segments_strips(
         styles = {
             score: (f"level{palette.level_of_points(score)}", f"{score}") for score in range(1, 10)
         }
+        styles[-1] = ("unscored", "not seen")
         scored, note = scores[scores > 0], "not scored"
-        if scored.size:
+        if notes is not None:
+            note = notes[name]
+        elif scored.size:
             note = f"mean {scored.mean():.1f} of {palette.segment_highest(name)}"
-        strips.append(Strip(name.replace("_", " "), scores, styles, note))
+        line = None if most is None or not most[name].any() else most[name]
+        strips.append(Strip(name.replace("_", " "), scores, styles, note, line))
     return strips_chart("Segment scores over time", time, strips, width=width)
 
 

@@ -96,6 +96,38 @@ def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False)
     return "".join(words)
 
 
+def area(x: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]) -> str:
+    """Return path data of the area between two lines that hold each value until the next point.
+
+    Args:
+        x: ascending, shape (n,) [px].
+        low: one line, shape (n,) [px]; a value that is not finite interrupts the area.
+        high: the other, the same.
+    """
+    finite = np.isfinite(low + high)
+    words: list[str] = []
+    for first, last in _stretches(finite):
+        # The area ends where the next one begins, also if that has no value.
+        across = np.round(x[first : min(last + 1, len(x))], 1)
+        across = np.append(across, across[-1:]) if last == len(x) else across
+        there = _steps(across, np.round(low[first:last], 1))
+        back = _steps(across, np.round(high[first:last], 1))[::-1]
+        points = [f"{number(px)} {number(py)}" for px, py in (*there, *back)]
+        words.append(f"M{'L'.join(points)}Z")
+    return "".join(words)
+
+
+def _stretches(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last + 1 of every stretch of true values (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _steps(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Return the corners of a line that holds each value y (n,) from one x (n + 1,) to the next."""
+    return list(zip(np.repeat(x, 2)[1:-1].tolist(), np.repeat(y, 2).tolist(), strict=True))
+
+
 def picture(
     content: Iterable[str], width: float, height: float, title: str, description: str
 ) -> str:
