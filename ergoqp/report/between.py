@@ -95,23 +95,24 @@ def segment_mean(segment: Mapping[str, Any], form: str) -> str:
 
 def segments_table(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Return head and rows of the table of the segments of a summary with scored frames."""
+    segments = summary["segments"].values()
     head = ["segment", "mean", "highest", "most often", "share of the time"]
+    exact = all(each["mean_low"] == each["mean_high"] for each in segments)
+    if not exact:
+        head.insert(1, "seen")
     rows = []
     for name, each in summary["segments"].items():
         usual = each["usual"]
         rows.append(
             [
                 name.replace("_", " "),
-                segment_mean(each, ".2f"),
+                *([] if exact else [seen_in_words(each)]),
+                segment_mean(each, ".2f" if exact else ".1f"),
                 between(str(each["max_low"]), str(each["max_high"])),
                 between(str(usual["low"]), str(usual["high"])),
                 f"{100 * usual['share']:.0f} %",
             ]
         )
-    if any(each["mean_low"] < each["mean_high"] for each in summary["segments"].values()):
-        head.append("seen")
-        for row, each in zip(rows, summary["segments"].values(), strict=True):
-            row.append(seen_in_words(each))
     return head, rows
 
 

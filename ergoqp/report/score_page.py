@@ -147,7 +147,8 @@ def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
     ]
     if summary["worst"] is not None:
         if not is_exact(summary):
-            facts.append(("known exactly", f"{summary['exact_frames']} frames"))
+            exact = f"{summary['exact_frames']} of {summary['valid_frames']} frames"
+            facts.append(("known exactly", exact))
         facts.append(("median", of_summary(summary, "median")))
         facts.append(("95th percentile", of_summary(summary, "p95")))
     facts.append(("stature", f"{summary['stature_m']:.2f} m"))
@@ -236,8 +237,12 @@ def _what_is_open(summary: dict[str, Any]) -> str:
         return ""
     scored, exact = summary["valid_frames"], summary["exact_frames"]
     words = (
-        f"{exact} of {scored} scored frames have one score. The others are between two ends: the"
-        " lowest and the highest score of all postures that agree with what was recorded. The"
+        f"In {exact} of {scored} scored frames the score is exact. In the others it is between two"
+        if exact
+        else "In every frame the score is between two"
+    )
+    words += (
+        " ends: the lowest and the highest score of all postures that agree with the recording. The"
         " likeliest posture has joints that are never seen at zero."
     )
     never, partly, doubtful = [], [], []
@@ -266,8 +271,8 @@ def _shares_words(summary: dict[str, Any]) -> str:
     ends = []
     for name, share in shares_of(summary).items():
         risks = [f"{risk} {100 * each:.0f} %" for risk, each in share.items() if each]
-        ends.append(f"{name} scores: {', '.join(risks)}")
-    return f"Share of the scored time. {'; '.join(ends)}."
+        ends.append(f"{name.capitalize()} scores: {', '.join(risks)}.")
+    return f"Share of the scored time. {' '.join(ends)}"
 
 
 def _notes(summary: dict[str, Any]) -> dict[str, str]:

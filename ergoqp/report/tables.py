@@ -99,7 +99,7 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
         return _words_table(rows)
     exact = is_exact(summary)
     if not exact:
-        rows.append(("known exactly", f"{summary['exact_frames']} of the scored frames"))
+        rows.append(("known exactly", f"{summary['exact_frames']} of {summary['valid_frames']}"))
     reba = f"mean {of_summary(summary, 'mean', '.2f')}, median {of_summary(summary, 'median')}"
     reba += f", p95 {of_summary(summary, 'p95')}, max {of_summary(summary, 'max')}"
     rows.append(("REBA", reba))

@@ -72,7 +72,7 @@ def strips_chart(
     over = width < WIDTH
     names = max((width_of(_short(strip.name)) for strip in strips), default=0)
     notes = max((width_of(strip.note) for strip in strips), default=0)
-    left, right = (8.0, width - 8) if over else (14 + names, width - 14 - notes)
+    left, right = (8.0, width - 12) if over else (14 + names, width - 14 - notes)
     row, words = (_ROW + _WORDS, _WORDS) if over else (_ROW, 0.0)
     high = float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1
     scale = Scale(float(time[0]), high, left, right)
