@@ -574,13 +574,9 @@ class Assessment:
         count = len(self.final)
         if not count:
             raise InputError("worst: got no posture, allowed one or more")
-        points, scores = self._task.points, self.segments
-        tables = sum(
-            look_up(self._sheet, t, *(np.maximum(scores[axis], 1) for axis in axes.axes))
-            for t, axes in self._sheet.tables.items()
-            if t in "AB"
-        )
-        both = tables + points["load"] + points["coupling"]
+        # In blocks, because an hour of the scores of all segments is 40 MB.
+        starts = range(0, count, _BLOCK)
+        both = np.concatenate([self.rows(slice(i, i + _BLOCK))._scores_a_and_b() for i in starts])
         rank = np.where(self.valid, 1000 * self.final + both, -1)
         top = np.concatenate([[False], rank == rank.max(), [False]])
         begins, ends = np.flatnonzero(np.diff(top.astype(int))).reshape(-1, 2).T
@@ -590,6 +586,15 @@ class Assessment:
         held = np.concatenate([[0.0], np.cumsum(steps)])
         # Rounding must not decide between the same durations.
         return int(begins[np.argmax(np.round(held[ends] - held[begins], 6))])
+
+    def _scores_a_and_b(self) -> NDArray[np.int64]:
+        """Return the sum of score A and score B (n,), with load and coupling."""
+        points, scores, tables = self._task.points, self.segments, self._sheet.tables
+        found = np.zeros(len(self.final), dtype=np.int64)
+        for table in "AB":
+            axes = (np.maximum(scores[axis], 1) for axis in tables[table].axes)
+            found += look_up(self._sheet, table, *axes)
+        return found + points["load"] + points["coupling"]
 
     def reasons(self, i: int) -> list[str]:
         """Return sentences that explain the score of posture `i`.
