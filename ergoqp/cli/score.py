@@ -36,7 +36,9 @@ ABOUT = """Score every frame of a recording by REBA.
 Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints and ROS bags.
 
 Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. Load,
-grip and support are stated by options. Frames that show no posture are listed and not scored.
+grip and support are stated by options. Where a part of the body is not seen, a score has a lowest
+and a highest value. Frames without a trunk are listed and not scored; if there is no other frame,
+the exit status is 3.
 
 \b
 Examples:
@@ -96,6 +98,7 @@ def command(
     If joints follow no known naming scheme, a mapping file with the nearest guesses is written.
 
     Raises:
+        NothingScoredError: if no frame shows a trunk, after the files are written.
         ErgoqpError: if an argument cannot be used.
     """
     task = TaskOptions(
@@ -123,9 +126,11 @@ def command(
     notes = []
     if save_person is not None:
         notes = _write_person(save_person, recording, read.person is not None)
-    postures = recording.scored_postures
-    options_of_task = read_task(sheet_of(method), len(postures), task)
-    assessment = assess_rows(postures, method, options_of_task, recording.ends)
+    # As `reba.assess` of the recording, without 330 MB of copies of an hour.
+    count, sheet = len(recording.time), sheet_of(method)
+    assessment = assess_rows(
+        recording.postures, method, read_task(sheet, count, task), recording.ends, recording.scored
+    )
     folder = make_folder(out, path.stem)
     screen = console()
     with working("writing scores and angles") as done, writing(folder):
@@ -144,9 +149,9 @@ def command(
     if not assessment.valid.any():
         causes = ", ".join(recording.not_scored)
         raise NothingScoredError(
-            f"{path.name}: no frame is scored ({causes}): a trunk needs hips or pelvis, and"
-            " shoulders or neck, in the same frame or within a second; name them with --mapping,"
-            " or read another part of the recording with --window"
+            f"{path.name}: no frame shows a trunk ({causes}), so that none is scored; check the"
+            " names of hips, shoulders and neck (--mapping), the vertical axis (--up) and the part"
+            " that is read (--window)"
         )
 
 

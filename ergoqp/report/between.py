@@ -97,7 +97,7 @@ def segments_table(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str
     """Return head and rows of the table of the segments of a summary with scored frames."""
     segments = summary["segments"].values()
     head = ["segment", "mean", "highest", "most often", "share of the time"]
-    exact = all(each["mean_low"] == each["mean_high"] for each in segments)
+    exact = all(_fixed(each) for each in segments)
     if not exact:
         head.insert(1, "seen")
     rows = []
@@ -107,13 +107,18 @@ def segments_table(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str
             [
                 name.replace("_", " "),
                 *([] if exact else [seen_in_words(each)]),
-                segment_mean(each, ".2f" if exact else ".1f"),
+                segment_mean(each, ".2f" if _fixed(each) else ".1f"),
                 between(str(each["max_low"]), str(each["max_high"])),
                 between(str(usual["low"]), str(usual["high"])),
                 f"{100 * usual['share']:.0f} %",
             ]
         )
     return head, rows
+
+
+def _fixed(segment: Mapping[str, Any]) -> bool:
+    """Return whether every score of a segment of a summary is exact."""
+    return segment["mean_low"] == segment["mean_high"]
 
 
 def seen_in_words(segment: Mapping[str, Any]) -> str:

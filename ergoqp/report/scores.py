@@ -163,6 +163,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "_low": assessment.final_low[valid],
         "_high": assessment.final_high[valid],
     }
+    doubts = {cause: int((here & valid).sum()) for cause, here in recording.doubts.items()}
     outside = assessment.outside.sum(axis=0)
     error = 1e3 * recording.fit_error[np.isfinite(recording.fit_error)]
     statistics: dict[str, Any] = {}
@@ -181,9 +182,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "valid_frames": count,
         "exact_frames": int(np.sum(finals["_low"] == finals["_high"])),
         "not_scored": {cause: int(frames.sum()) for cause, frames in recording.not_scored.items()},
-        "doubts": {
-            cause: int((frames & valid).sum()) for cause, frames in recording.doubts.items()
-        },
+        "doubts": {cause: frames for cause, frames in doubts.items() if frames},
         "duration_s": round(float(recording.time[-1] - recording.time[0]), 6),
         "stature_m": round(float(recording.person.stature), 4),
         **statistics,

@@ -611,7 +611,7 @@ class Assessment:
         posture, task = self.postures[i], self._task.rows(i)
         if not self.valid[i]:
             missing = ", ".join(spoken(JOINTS[j]) for j in np.flatnonzero(np.isnan(posture)))
-            return [f"not scored: no angle for {missing}"]
+            return [f"not scored: no angle for {missing}" if missing else "not scored"]
         sentences = [self._segment(segment, side, i) for segment, side in self._sheet.places]
         if self.final_low[i] < self.final_high[i]:
             sentences.append(f"REBA of the likeliest posture, of {self._span(i)} that it may be:")
@@ -717,6 +717,7 @@ def assess_rows(
     method: Method,
     task: Task,
     ends: Ends | None = None,
+    scored: NDArray[np.bool_] | None = None,
 ) -> Assessment:
     """Score checked postures block by block.
 
@@ -725,6 +726,7 @@ def assess_rows(
         method: how the sheet is read.
         task: options of these postures.
         ends: lower and upper ends of their angles, as from `read_ends`; None: the postures.
+        scored: which of them are scored (n,); None: all without NaN.
 
     Raises:
         InputError: if an angle is beyond +-180 deg, or not between its ends.
@@ -736,7 +738,7 @@ def assess_rows(
     for start in range(0, count, _BLOCK):
         rows = slice(start, min(start + _BLOCK, count))
         angles, options = np.ascontiguousarray(postures[rows].T), task.rows(rows)
-        valid[rows] = check_angles(angles, start)
+        valid[rows] = check_angles(angles, start) & (True if scored is None else scored[rows])
         _score(sheet, method, options, _as_read(method, angles), StepFunction.score, best, rows)
         if ends is not None:
             between = ends(rows)

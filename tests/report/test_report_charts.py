@@ -91,9 +91,58 @@ def test_timing_chart_says_median_and_period():
 
 def test_shares_are_written():
     root = parsed(
-        shares_chart("share", {"low risk": 0.75, "high risk": 0.25, "none": 0.0}, [1, 3, -1])
+        shares_chart("share", {"": {"low risk": 0.75, "high risk": 0.25, "none": 0.0}}, [1, 3, -1])
     )
     assert {"75 %", "25 %", "low risk, 75.0 %", "none, 0.0 %"} <= set(words(root))
+
+
+def test_shares_of_several_scores_are_bars_with_names():
+    bars = {"lowest": {"low": 1.0, "high": 0.0}, "highest": {"low": 0.25, "high": 0.75}}
+    root = parsed(shares_chart("share", bars, [1, 3]))
+    assert {"lowest", "highest", "100 %", "25 %", "75 %", "low", "high"} <= set(words(root))
+    assert "highest: low 25.0 %; high 75.0 %." in root.find("desc").text
+
+
+def areas(root):
+    return [path.get("d") for path in root.iter("path") if path.get("class") == "span"]
+
+
+def test_score_chart_fills_from_the_lowest_to_the_highest():
+    time, final = np.arange(6.0), np.array([3, 3, 0, 0, 5, 5])
+    low, high = np.array([2, 2, 0, 0, 5, 4]), np.array([4, 7, 0, 0, 5, 9])
+    root = parsed(score_chart(time, final, marks=[(4.0, 5, "worst")], ends=(low, high)))
+    (area,) = areas(root)
+    assert area.count("M") == area.count("Z") == 2
+    assert {"lowest to highest", "REBA, likeliest posture", "worst 5", "high"} <= set(words(root))
+    assert "It may be 2 to 9." in root.find("desc").text
+    # The highest value of a column of many samples is not lost.
+    many = np.full(60_000, 2)
+    peak = many.copy()
+    peak[31_000] = 12
+    (long,) = areas(parsed(score_chart(np.arange(60_000) / 100, many, ends=(many, peak))))
+    top = min(float(point.split()[1]) for point in long[1:-1].split("L"))
+    (flat,) = areas(parsed(score_chart(np.arange(60_000) / 100, many, ends=(many, many + 10))))
+    assert top == min(float(point.split()[1]) for point in flat[1:-1].split("L"))
+
+
+def test_strips_of_segments_are_grey_where_not_seen_and_tell_the_highest():
+    time = np.arange(4.0)
+    segments = {name: np.array([1, 1, -1, 0]) for name in palette.SEGMENTS}
+    most = {name: np.array([0, 2, 3, 0]) for name in palette.SEGMENTS}
+    notes = dict.fromkeys(palette.SEGMENTS, "mean 1.0 to 3.0 of 3")
+    root = parsed(segments_strips(time, segments, most, notes))
+    drawn = [
+        (rect.get("class"), rect.find("title").text)
+        for rect in root.iter("rect")
+        if rect.find("title") is not None and rect.find("title").text.startswith("legs")
+    ]
+    assert drawn == [
+        ("level0", "legs: 1, 0.00 to 2.00 s"),
+        ("unscored", "legs: not seen, 2.00 to 3.00 s"),
+        ("level1", "legs: at most 2, 1.00 to 2.00 s"),
+        ("level2", "legs: at most 3, 2.00 to 3.00 s"),
+    ]
+    assert "mean 1.0 to 3.0 of 3" in words(root)
 
 
 def test_strips_show_a_single_step():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -6,7 +8,7 @@ from hypothesis import strategies as st
 from ergoqp.human import FRAMES, Body, Kinematics
 from ergoqp.report import palette
 from ergoqp.report.body.person import FRAME_RATE, LONGEST, Movement, parts_of, place, timing_of
-from ergoqp.report.body.scene import body_mesh
+from ergoqp.report.body.scene import body_mesh, score_text
 
 
 @given(st.floats(0.1, 600), st.floats(1, 1000))
@@ -53,6 +55,25 @@ def test_a_missing_posture_is_held():
     assert shown.final.tolist() == [0, 2, 0, 0, 3]
     assert shown.object_poses is not None
     assert shown.object_poses[4, 0, 0] == 3
+
+
+def test_a_score_with_two_ends_is_told_as_such():
+    movement = Movement(
+        Body(),
+        np.arange(3.0),
+        np.zeros((3, 32)),
+        np.tile(np.eye(4), (3, 1, 1)),
+        np.array([0, 2, 3]),
+        ends=(np.array([1, 2, 2]), np.array([9, 2, 9])),
+    )
+    shown = movement.at(np.arange(3))
+    assert [score_text(shown, frame) for frame in range(3)] == [
+        "not scored",
+        "REBA 2, low",
+        "REBA 2 to 9, low to high",
+    ]
+    exact = replace(movement, ends=None).at(np.arange(3))
+    assert score_text(exact, 2) == "REBA 3, low"
 
 
 def test_a_movement_without_any_posture_can_still_be_shown():

@@ -7,7 +7,8 @@ from sheet_postures import posture, random_postures
 from ergoqp import JOINTS, reba
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.sheets.options import sheet_of
+from ergoqp.sheets.assessment import assess_rows, read_postures
+from ergoqp.sheets.options import read_task, sheet_of
 
 METHODS = [
     reba.Method(),
@@ -152,3 +153,45 @@ def test_reasons_name_what_is_not_known():
 def test_ends_that_are_none_are_refused(low, high, message):
     with pytest.raises(InputError, match=message):
         reba.assess(np.zeros((1, 32)), low=low, high=high)
+
+
+def test_a_part_of_an_assessment_is_the_assessment_of_a_part():
+    low, high = boxes(40, seed=5)
+    postures = (low + high) / 2
+    low[7] = high[7] = np.nan
+    loads = np.linspace(0, 12, 40)
+    whole = reba.assess(postures, low=low, high=high, load_kg=loads)
+    rows = slice(5, 20)
+    own = reba.assess(postures[rows], low=low[rows], high=high[rows], load_kg=loads[rows])
+    for found in (whole.rows(rows), whole.rows(slice(2, 30)).rows(slice(3, 18))):
+        for name in ("final", "final_low", "final_high", "valid", "band", "low", "high"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
+        for name in ("segments", "segments_low", "segments_high"):
+            for label, scores in getattr(own, name).items():
+                np.testing.assert_array_equal(getattr(found, name)[label], scores)
+        assert found.reasons(2) == own.reasons(2) == whole.reasons(7)
+
+
+def test_postures_that_are_not_scored_count_as_invalid():
+    postures = read_postures(random_postures(5000, 7))
+    scored = np.arange(5000) % 3 > 0
+    method = reba.Method()
+    task = read_task(sheet_of(method), len(postures), {})
+    found = assess_rows(postures, method, task, None, scored)
+    assert (found.valid == scored).all()
+    assert (found.final == np.where(scored, reba.assess(postures).final, 0)).all()
+    assert not found.segments["neck"][0]
+    assert found.reasons(0) == ["not scored"]
+    assert scored[found.worst()]
+
+
+def test_the_worst_of_several_blocks_is_the_one_that_is_held_longest():
+    postures = np.zeros((5000, 32))
+    bent = posture(trunk_flexion=70.0, neck_flexion=30.0)
+    postures[100] = postures[3000:3006] = postures[4500:4503] = bent
+    assert reba.assess(postures).worst() == 3000
+    # Of equal final scores, that with the higher scores A and B.
+    postures[200] = posture(trunk_flexion=70.0, neck_flexion=30.0, right_elbow_flexion=80.0)
+    found = reba.assess(postures)
+    assert found.final[200] <= found.final[100]
+    assert found.worst() == 3000

@@ -311,7 +311,7 @@ class _Words:
         self._top = _LABEL_ABOVE + float(movement.body.model.site("head_top").pos[2])
         self._floor = floor
         self._score = server.scene.add_label(
-            "/score", _score_text(movement, 0), anchor="bottom-center", font_screen_scale=1.5
+            "/score", score_text(movement, 0), anchor="bottom-center", font_screen_scale=1.5
         )
         self._time = server.scene.add_label(
             "/time", _time_text(movement, 0), anchor="top-center", font_screen_scale=1.2
@@ -323,13 +323,14 @@ class _Words:
         pelvis = self._movement.base_poses[frame]
         self._score.position = coarse(head[frame] + np.array([0, 0, self._top]))
         self._time.position = coarse([*(pelvis[:2, 3] - 0.55 * pelvis[:2, 1]), self._floor + 0.02])
-        for label, text in ((self._score, _score_text), (self._time, _time_text)):
+        for label, text in ((self._score, score_text), (self._time, _time_text)):
             words = text(self._movement, frame)
             if label.text != words:
                 label.text = words
 
 
-def _score_text(movement: Movement, frame: int) -> str:
+def score_text(movement: Movement, frame: int) -> str:
+    """Return the score of a frame in words."""
     score = int(movement.final[frame])
     if not score:
         return "not scored"
