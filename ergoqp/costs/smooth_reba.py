@@ -35,7 +35,7 @@ from ergoqp.arguments import Range, are_shares, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.sheets.assessment import read_postures
+from ergoqp.sheets.angles import read_postures
 from ergoqp.sheets.description import Segment, Sheet, StepFunction
 from ergoqp.sheets.options import (
     DEFAULTS,

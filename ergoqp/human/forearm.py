@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.coordinates import FOREARM
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.sheets.assessment import read_postures
+from ergoqp.sheets.angles import read_postures
 
 Array = NDArray[np.float64]
 

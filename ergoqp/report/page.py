@@ -22,7 +22,8 @@ from ergoqp.files.atomic import write_text_atomic
 from ergoqp.report import palette
 from ergoqp.report.charts.axes import NARROW, WIDTH
 from ergoqp.report.charts.strips import segments_chart
-from ergoqp.sheets.assessment import Assessment, assess_rows, read_postures
+from ergoqp.sheets.angles import read_postures
+from ergoqp.sheets.assessment import Assessment, assess_rows
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, TypeGuard
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
+from ergoqp.sheets.angles import Ends, check_angles, check_ends
 from ergoqp.sheets.description import (
     TIE,
     Segment,
@@ -26,6 +27,7 @@ from ergoqp.sheets.description import (
     by_elevation,
 )
 from ergoqp.sheets.options import Method, Task, sheet_of
+from ergoqp.sheets.reasons import explain_segment, explain_span
 
 Scores8 = NDArray[np.int8]
 
@@ -135,262 +137,6 @@ def score_final(
     return np.minimum(
         look_up(sheet, "C", score_a, score_b) + points[tables["C"].plus], np.int8(highest)
     )
-
-
-_DECIMALS: Final = 4
-"""Decimals [deg] to which 32-bit numbers are read; they may be off by 0.00002 deg."""
-
-
-def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
-    """Return postures as a read-only array of shape (n, 32) [rad] that no other code can write to.
-
-    32-bit numbers are rounded to the nearest 0.0001 deg, so that 60 deg are 60 deg.
-
-    An array that already is read-only and owns its data is not copied: an hour of postures is
-    110 MB.
-
-    Args:
-        postures: shape (n, 32) or (32,).
-
-    Raises:
-        InputError: if they are not numbers of that shape.
-    """
-    try:
-        rows = postures if _is_final(postures) else np.array(postures, dtype=float, order="C")
-        if rows is not postures and np.asarray(postures).dtype == np.float32:
-            rows = np.radians(np.round(np.degrees(rows), _DECIMALS))
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad"
-        ) from None
-    if rows.shape == (len(JOINTS),):
-        rows = rows[np.newaxis]
-    if rows.ndim != 2 or rows.shape[1] != len(JOINTS):
-        raise InputError(
-            f"postures: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order"
-            " of JOINTS"
-        )
-    rows.setflags(write=False)
-    return rows
-
-
-Ends = Callable[[slice], NDArray[np.float64]]
-"""Lower and upper ends of the joint angles of some rows (2, rows, 32) [rad], made when asked for:
-those of an hour are 220 MB."""
-
-
-def read_ends(postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayLike | None) -> Ends:
-    """Return the lower and upper ends of joint angles (n, 32) [rad].
-
-    Args:
-        postures: from `read_postures`.
-        low: shape (n, 32) or (32,) [rad]; NaN: the angle is unknown. None: the postures.
-        high: the same.
-
-    Raises:
-        InputError: if they are not such numbers.
-    """
-    given = {}
-    for name, end in (("low", low), ("high", high)):
-        given[name] = postures if end is None else read_postures(end)
-        if given[name].shape != postures.shape:
-            raise InputError(
-                f"{name}: got shape {given[name].shape}, allowed: that of postures,"
-                f" {postures.shape}"
-            )
-
-    def ends(rows: slice) -> NDArray[np.float64]:
-        likeliest, below, above = postures[rows], given["low"][rows], given["high"][rows]
-        # A known angle may be beyond the range of its joint.
-        return np.stack(
-            [
-                np.where(np.isnan(below), np.fmin(LOWER, likeliest), below),
-                np.where(np.isnan(above), np.fmax(UPPER, likeliest), above),
-            ]
-        )
-
-    return ends
-
-
-def check_ends(postures: NDArray[np.float64], ends: NDArray[np.float64], first_row: int) -> None:
-    """Check that postures are between their ends.
-
-    Args:
-        postures: a block of postures (n, 32) [rad].
-        ends: lower and upper ends of its angles (2, n, 32) [rad].
-        first_row: number of the block's first posture, for the message.
-
-    Raises:
-        InputError: if a posture is not, or its ends are exchanged.
-    """
-    low, high = ends
-    wrong = (low > high + TIE) | (postures < low - TIE) | (postures > high + TIE)
-    if wrong.any():
-        row, joint = (int(each[0]) for each in np.nonzero(wrong))
-        got = ", ".join(f"{each[row, joint]:g}" for each in (low, postures, high))
-        raise InputError(
-            f"low, high: row {first_row + row}, {JOINTS[joint]}: got low, posture and high of"
-            f" {got} rad, allowed: ascending"
-        )
-
-
-def _is_final(postures: ArrayLike) -> TypeGuard[NDArray[np.float64]]:
-    """Return whether this is an array of numbers that owns its data and cannot be written to."""
-    return (
-        type(postures) is np.ndarray
-        and postures.base is None
-        and not postures.flags.writeable
-        and postures.dtype == np.float64
-        and postures.flags.c_contiguous
-    )
-
-
-def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool_]:
-    """Return which postures of a block have no NaN, shape (n,).
-
-    Args:
-        angles: shape (32, n), one row per joint [rad].
-        first_row: number of the block's first posture, for the message.
-
-    Raises:
-        InputError: if an angle is beyond +-180 deg or infinite.
-    """
-    count = angles.shape[1]
-    # Fast path for the usual case. A NaN fails both comparisons.
-    if count == 0 or (angles.min() >= -np.pi and angles.max() <= np.pi):
-        return np.ones(count, dtype=bool)
-    beyond = np.abs(angles) > np.pi + TIE
-    if beyond.any():
-        row = int(np.argmax(beyond.any(axis=0)))
-        joint = int(np.argmax(beyond[:, row]))
-        raise InputError(
-            f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad,"
-            " allowed: -pi to pi (degrees given as radians?)"
-        )
-    return np.logical_not(np.isnan(angles).any(axis=0))
-
-
-def explain_segment(
-    segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int
-) -> str:
-    """Return a sentence that explains the score of a segment.
-
-    An example is ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
-
-    Args:
-        segment: the segment.
-        posture: one posture, shape (32,) [rad].
-        task: options of this posture, single values.
-        side: ``"right"``, ``"left"`` or ``""``.
-        score: the exact score. It is named at the end if a clamp changed the sum.
-    """
-    joint_side = _worse_side(segment, posture) if segment.worse_side else side
-    angle = float(posture[segment.joint(segment.base, joint_side)])
-    base = segment.base.scores[segment.base.band(angle)]
-    if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
-        parts = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"]
-        total = segment.start
-    else:
-        total = segment.start + base
-        name = segment.label(side) + (f", {joint_side} knee" if segment.worse_side else "")
-        parts = [f"{name} {_amount(segment.base, angle)}, {_band(segment.base, angle)}: {total}"]
-    for modifier in segment.modifiers:
-        met = []
-        for step in modifier.conditions:
-            value = float(posture[segment.joint(step, side)])
-            if step.scores[step.band(value)]:
-                met.append(f"{_word(step, value)} {_magnitude(step, value)} deg")
-        if met and not modifier.additive:
-            met = [" and ".join(met)]
-        parts += [f"{one}: +1" for one in met]
-        total += len(met)
-    for option in segment.options:
-        blocked = option.not_with is not None and bool(task.flag(option.not_with, side))
-        if task.flag(option.option, side) and not blocked:
-            parts.append(f"{option.words}: {option.points:+d}")
-            total += option.points
-    if total != score:
-        parts.append(f"{'at least' if total < score else 'at most'} {score}: {score - total:+d}")
-    return "; ".join(parts).replace("_", " ")
-
-
-def explain_span(
-    segment: Segment, ends: NDArray[np.float64], side: str, low: int, high: int
-) -> str:
-    """Return a sentence that explains the lowest and the highest score of a segment.
-
-    An example is ``"legs 1 to 3: right knee flexion not known"``.
-
-    Args:
-        segment: the segment.
-        ends: lower and upper ends of the joint angles (2, 32) [rad].
-        side: ``"right"``, ``"left"`` or ``""``.
-        low: lowest score.
-        high: highest score.
-    """
-    causes = {}
-    for step in segment.steps:
-        for each in SIDES if segment.worse_side and step is segment.base else (side,):
-            joint = segment.joint(step, each)
-            least, most = (int(end(ends[:, joint])) for end in (step.lowest, step.highest))
-            if least < most:
-                causes[joint] = f"{spoken(JOINTS[joint])} {_known_to(ends[:, joint], joint)}"
-    return f"{segment.label(side)} {low} to {high}: {', '.join(causes.values())}".replace("_", " ")
-
-
-def _known_to(ends: NDArray[np.float64], joint: int) -> str:
-    """Return in words what is known of an angle between two ends (2,) [rad]."""
-    if ends[0] <= LOWER[joint] + TIE and ends[1] >= UPPER[joint] - TIE:
-        return "not known"
-    low, high = np.degrees(ends)
-    return f"{low:.0f} to {high:.0f} deg"
-
-
-def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
-    def score(side: str) -> int:
-        return segment.base.scores[
-            segment.base.band(float(posture[segment.joint(segment.base, side)]))
-        ]
-
-    return max(SIDES, key=score)
-
-
-def _amount(step: StepFunction, angle: float) -> str:
-    return f"{_magnitude(step, angle)} deg {_word(step, angle)}"
-
-
-def _word(step: StepFunction, angle: float) -> str:
-    return step.words[angle >= 0]
-
-
-def _magnitude(step: StepFunction, angle: float) -> str:
-    """Return the size of an angle with the fewest decimals that keep it in its band.
-
-    This avoids sentences such as "20, over 20".
-    """
-    degrees = float(np.degrees(angle))
-    for decimals in range(9):
-        shown = round(degrees, decimals)
-        if step.band(float(np.radians(shown))) == step.band(angle):
-            return f"{abs(shown):.{decimals}f}"
-    return f"{abs(degrees):.9f}"
-
-
-def _band(step: StepFunction, angle: float) -> str:
-    """Return the band of an angle by its ends, in the direction of the angle."""
-    band = step.band(angle)
-    ends = [-np.inf, *np.degrees(step.edges), np.inf]
-    low, high = ends[band], ends[band + 1]
-    if high == np.inf:
-        return f"over {low:.4g}"
-    if low == -np.inf:
-        return f"over {-high:.4g}" if high <= 0 else f"under {high:.4g}"
-    if high <= 0:
-        return f"{-high:.4g} to {-low:.4g}"
-    if low < 0:
-        both = f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
-        return f"within {high:.4g}" if low == -high else both
-    return f"{low:.4g} to {high:.4g}"
 
 
 _BLOCK: Final = 2048
@@ -722,7 +468,7 @@ def assess_rows(
     """Score checked postures block by block.
 
     Args:
-        postures: shape (n, 32) [rad], from :func:`ergoqp.sheets.assessment.read_postures`.
+        postures: shape (n, 32) [rad], from :func:`ergoqp.sheets.angles.read_postures`.
         method: how the sheet is read.
         task: options of these postures.
         ends: lower and upper ends of their angles, as from `read_ends`; None: the postures.

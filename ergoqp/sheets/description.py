@@ -1,7 +1,7 @@
 """The parts of a posture sheet, read from a TOML file and the values of a method.
 
 Three modules use these parts, and nothing else describes the sheet: the exact score
-(:mod:`ergoqp.sheets.assessment`), the reasons in words (:mod:`ergoqp.sheets.assessment`) and the
+(:mod:`ergoqp.sheets.assessment`), the reasons in words (:mod:`ergoqp.sheets.reasons`) and the
 smooth score (:mod:`ergoqp.costs.smooth_reba`). This module does not depend on which sheet it
 is.
 

@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, SIDES, UPPER
+from ergoqp.sheets.angles import check_angles, read_postures
 from ergoqp.sheets.assessment import (
-    check_angles,
     look_up,
-    read_postures,
     score_final,
     score_segments,
     score_worse_segments,

@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
+from ergoqp.sheets.angles import read_ends, read_postures
 from ergoqp.sheets.assessment import (
     Assessment,
     assess_rows,
     look_up,
-    read_ends,
-    read_postures,
     score_final,
 )
 from ergoqp.sheets.options import Method, read_method, read_task, sheet_of, whole_numbers
@@ -191,9 +190,9 @@ def assess(
             not counted when seated.
         arm_supported: flags (right, left): the arm is supported or gravity assists it.
         shoulder_raised: flags (right, left): the shoulder is raised.
-        low: lower ends of angles that are not known exactly, with the shape of the postures [rad];
-            NaN: unknown, the range of the joint. None: the postures.
-        high: their upper ends, the same.
+        low: lower ends of angles that are not known exactly, shape (n, 32) or (32,) as the postures
+            [rad]; NaN: unknown, the range of the joint. None: the postures.
+        high: their upper ends, the same, shape (n, 32) or (32,) [rad].
 
     Raises:
         InputError: if a shape is wrong, an angle is beyond +-180 deg (were degrees given as

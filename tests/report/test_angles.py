@@ -11,7 +11,7 @@ import pytest
 from ergoqp.joints import JOINTS
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.demo_recording import demo_recording
-from ergoqp.report import scores as angles
+from ergoqp.report import seen
 from ergoqp.report.scores import write_angles
 from ergoqp.sheets.description import elevation_of
 
@@ -20,7 +20,7 @@ from ergoqp.sheets.description import elevation_of
 def test_what_is_written_is_read_back(
     block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(angles, "_BLOCK", block)
+    monkeypatch.setattr(seen, "_BLOCK", block)
     recording = load_recording(demo_recording(tmp_path / "demo.bvh"))
     recording.errors["head"][3] = np.nan
     table, motion = write_angles(recording, tmp_path)

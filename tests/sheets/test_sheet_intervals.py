@@ -7,7 +7,8 @@ from sheet_postures import posture, random_postures
 from ergoqp import JOINTS, reba
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.sheets.assessment import assess_rows, read_postures
+from ergoqp.sheets.angles import read_postures
+from ergoqp.sheets.assessment import assess_rows
 from ergoqp.sheets.options import read_task, sheet_of
 
 METHODS = [
