@@ -17,12 +17,14 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 
 NEAR: Final = 1.0
 """Time from an angle that is seen after which nothing is known of it any more [s]."""
-_LAGS: Final = (0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
+_LAGS: Final = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
 """Times over which the movement of an angle is measured [s]."""
 _MOST: Final = 0.99
 """Share of the movements of a recording that stay within the ends."""
 _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
+_FREE: Final = 0.25
+"""Time in which an angle may move through its whole range if its movements are not measured [s]."""
 _SAMPLE: Final = 4000
 """Number of movements that are measured, about."""
 
@@ -77,6 +79,21 @@ def spans_of(
     return found
 
 
+def away_from(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the time from the nearest of some frames (n,) bool (n,) [s]; infinite without one."""
+    known = np.flatnonzero(frames)
+    if not len(known):
+        return np.full(len(time), np.inf)
+    before, after = _neighbours(known, np.arange(len(time)))
+    return np.minimum(np.abs(time - time[before]), np.abs(time[after] - time))
+
+
+def _neighbours(known: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the last of some known frames before each of others, and the first after it."""
+    after = np.searchsorted(known, frames)
+    return known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
+
+
 def _unseen(
     angles: np.ndarray, seen: np.ndarray, time: np.ndarray, lower: float, upper: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -85,15 +102,15 @@ def _unseen(
         return np.full(len(angles), lower), np.full(len(angles), upper)
     low, high = angles.copy(), angles.copy()
     lost, known = np.flatnonzero(~seen), np.flatnonzero(seen)
-    after = np.searchsorted(known, lost)
-    before, after = known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
+    before, after = _neighbours(known, lost)
     away = np.minimum(np.abs(time[lost] - time[before]), np.abs(time[after] - time[lost]))
     between = np.interp(time[lost], time[known], angles[known])
     reach = np.interp(away, (0.0, *_LAGS), [0.0, *_moves(angles, seen, time, upper - lower)])
     reach[away > NEAR] = np.inf
-    # What the frames around suggest is within the ends, too.
-    low[lost] = np.minimum(np.maximum(between - reach, lower), angles[lost])
-    high[lost] = np.maximum(np.minimum(between + reach, upper), angles[lost])
+    # The movement may be a sudden one, from the angle before the gap to the one after it.
+    around = np.stack([angles[before], angles[after], angles[lost]])
+    low[lost] = np.minimum(np.maximum(between - reach, lower), around.min(axis=0))
+    high[lost] = np.maximum(np.minimum(between + reach, upper), around.max(axis=0))
     return low, high
 
 
@@ -106,8 +123,7 @@ def _moves(angles: np.ndarray, seen: np.ndarray, time: np.ndarray, whole: float)
         both = np.flatnonzero(seen[frames:] & seen[:-frames])
         both = both[:: max(1, len(both) // _SAMPLE)]
         moved = np.abs(angles[both + frames] - angles[both])
-        # Without enough of them the angle may move through its whole range in a second.
-        free = whole * lag / NEAR
+        free = whole * min(1.0, lag / _FREE) ** 0.5
         found.append(float(np.quantile(moved, _MOST)) if len(both) >= _PAIRS else free)
     return np.maximum.accumulate(found).tolist()
 

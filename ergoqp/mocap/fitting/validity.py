@@ -36,7 +36,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
-from ergoqp.mocap.fitting.unknown import NEAR
+from ergoqp.mocap.fitting.unknown import NEAR, away_from
 from ergoqp.mocap.formats.text import are_alike
 
 _NOISE: Final = np.radians(1.0) ** 2
@@ -396,19 +396,24 @@ _CENTRES: Final = {
 }
 """Centre on which scored angles depend -> their joints."""
 _CHAINS: Final = {
-    f"{side}_{centre}": _of(side, needed)
-    for side in SIDES
-    for centre, needed in (
-        ("elbow", _ARM[:2]),
-        ("wrist", _ARM[:4]),
-        ("knuckles", _ARM[:4]),
-        ("thumb", _ARM[:5]),
-        ("knee", _LEG[:2]),
-        ("ankle", _LEG[:4]),
-        ("toe", _LEG[:4]),
-    )
+    "neck": ("trunk_flexion",),
+    **dict.fromkeys(("head", "head_top", "nose"), ("trunk_flexion", "neck_flexion")),
+    **{
+        f"{side}_{centre}": ("trunk_flexion", *own, *_of(side, needed))
+        for side in SIDES
+        for centre, own, needed in (
+            ("shoulder", ("trunk_twist",), ()),
+            ("elbow", ("trunk_twist",), _ARM[:2]),
+            ("wrist", ("trunk_twist",), _ARM[:4]),
+            ("knuckles", ("trunk_twist",), _ARM[:4]),
+            ("thumb", ("trunk_twist",), _ARM[:5]),
+            ("knee", (), _LEG[:2]),
+            ("ankle", (), _LEG[:4]),
+            ("toe", (), _LEG[:4]),
+        )
+    },
 }
-"""Centre -> the joints between it and the trunk or the pelvis."""
+"""Centre -> the joints between it and the pelvis, and the trunk, which tells where that is."""
 
 
 @dataclass(frozen=True)
@@ -521,15 +526,7 @@ def without_trunk(observed: np.ndarray, time: np.ndarray) -> np.ndarray:
         observed: which joint angles are determined (n, 32) bool.
         time: times of the frames (n,) [s].
     """
-    seen = np.flatnonzero(observed[:, INDEX["trunk_flexion"]])
-    if not len(seen):
-        return np.ones(len(time), dtype=bool)
-    after = np.searchsorted(seen, np.arange(len(time)))
-    away = np.minimum(
-        np.abs(time - time[seen[np.maximum(after - 1, 0)]]),
-        np.abs(time[seen[np.minimum(after, len(seen) - 1)]] - time),
-    )
-    return away > NEAR
+    return away_from(observed[:, INDEX["trunk_flexion"]], time) > NEAR
 
 
 def scored_frames(count: int, not_scored: Mapping[str, np.ndarray]) -> np.ndarray:
