@@ -206,6 +206,11 @@ def known(recording: Recording) -> np.ndarray:
     return recording.scored & ~np.logical_or.reduce([np.zeros_like(recording.scored), *wide])
 
 
+def seen(recording: Recording) -> np.ndarray:
+    """Return the frames in which all that is ever seen is seen (n,) bool."""
+    return recording.observed[:, recording.observed.any(axis=0)].all(axis=1)
+
+
 def outside(recording: Recording, truth: np.ndarray) -> np.ndarray:
     """Return how far postures are outside the ends of a recording's at most (n,) [deg].
 
@@ -233,8 +238,15 @@ _JOINTS: Final = {
 
 def _judged(ends: np.ndarray) -> dict[str, np.ndarray]:
     """Return joint -> lower and upper end (2, n) [deg] of ends of postures (2, 32, n) [rad]."""
-    raised = np.degrees(between_elevations(ends))
-    return {name: raised[:, joint] for name, joint in _JOINTS.items()}
+    found, raised = np.degrees(ends), np.degrees(between_elevations(ends))
+    judged = {name: found[:, joint] for name, joint in _JOINTS.items()}
+    for name in judged:
+        if "shoulder" in name:
+            # Behind the body an elevation is negative.
+            low, high = raised[:, _JOINTS[name]]
+            both = np.sort(np.abs([low, high]), axis=0)
+            judged[name] = np.stack([np.where(low * high < 0, 0.0, both[0]), both[1]])
+    return judged
 
 
 def _silent(found: Recording, truth: Recording) -> str:

@@ -265,17 +265,18 @@ def _calibrated(
     markers: Mapping[str, np.ndarray],
     landmarks: Mapping[str, str],
 ) -> dict[str, Marker]:
-    """Return the places of markers on the body, from the scored frames if there are enough."""
+    """Return the places of markers on the body, from frames that are seen if there are enough."""
     if not markers:
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    shown = scored_frames(len(result.pelvis), {**result.not_scored, **result.doubts})[frames]
+    seen = result.observed[:, result.observed.any(axis=0)].all(axis=1)
+    shown = (seen & scored_frames(len(seen), result.not_scored))[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]
-    seen = {name: path[shown] for name, path in markers.items()}
-    return markers_on(body, result.pelvis[rows], result.postures[rows], seen, landmarks)
+    seen_at = {name: path[shown] for name, path in markers.items()}
+    return markers_on(body, result.pelvis[rows], result.postures[rows], seen_at, landmarks)
 
 
 def _in_one_block(paths: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

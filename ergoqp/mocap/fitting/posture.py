@@ -39,13 +39,14 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, spans_of
+from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, cuts_of, spans_of
 from ergoqp.mocap.fitting.validity import (
     Usual,
     angle_between,
     doubtful,
     filled,
     placed_by_body,
+    rms,
     steady,
     usual_lengths,
     without_trunk,
@@ -498,12 +499,7 @@ class Fit:
     @property
     def error(self) -> np.ndarray:
         """Root of the mean squared distance of the seen centres (n,) [m]; NaN: none is seen."""
-        total, count = np.zeros(len(self.pelvis)), np.zeros(len(self.pelvis))
-        for each in self.errors.values():
-            seen = np.isfinite(each)
-            total += np.where(seen, each, 0.0) ** 2
-            count += seen
-        return np.sqrt(total / np.where(count, count, np.nan))
+        return rms(self.errors, len(self.pelvis))
 
 
 def fit(
@@ -559,11 +555,13 @@ def fit(
                 known = whole.doubts.setdefault(cause, np.zeros(count, dtype=bool))
                 known[rows] = frames[here]
         progress(stop / count)
-    lost = without_trunk(whole.observed, time)
+    # What is seen on the other side of a cut is not near.
+    apart = time + 2 * NEAR * np.concatenate([[0], np.cumsum(cuts_of(places, time))])
+    lost = without_trunk(whole.observed, apart)
     return replace(
         whole,
         not_scored={"trunk not seen": lost} if lost.any() else {},
-        spans=spans_of(whole.postures, whole.observed, time, doubt),
+        spans=spans_of(whole.postures, whole.observed, apart, doubt),
     )
 
 
@@ -618,7 +616,7 @@ def _fitted(
     }
     errors = placed_by_body(errors, observed)
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes, wrong = doubtful(places, fitted, found.error, usual, time)
+    causes, wrong = doubtful(places, fitted, errors, usual, time)
     for joint in np.flatnonzero((wrong & observed).any(axis=0)):
         observed[:, joint] &= ~wrong[:, joint]
         postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)

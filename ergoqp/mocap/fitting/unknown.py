@@ -21,6 +21,8 @@ _LAGS: Final = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
 """Times over which the movement of an angle is measured [s]."""
 _MOST: Final = 0.99
 """Share of the movements of a recording that stay within the ends."""
+_FASTEST: Final = 12.0
+"""Largest speed of a part of the body [m/s]."""
 _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
 _FREE: Final = 0.25
@@ -86,6 +88,22 @@ def away_from(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
         return np.full(len(time), np.inf)
     before, after = _neighbours(known, np.arange(len(time)))
     return np.minimum(np.abs(time - time[before]), np.abs(time[after] - time))
+
+
+def cuts_of(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return the steps between frames in which the whole body is elsewhere at once (n - 1,) bool.
+
+    Args:
+        places: centre -> positions (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s].
+    """
+    fast, seen = np.zeros(len(time) - 1, dtype=int), np.zeros(len(time) - 1, dtype=int)
+    most = (_FASTEST * np.diff(time)) ** 2
+    for path in places.values():
+        moved = (np.diff(path, axis=0) ** 2).sum(axis=1)
+        fast += moved > most
+        seen += np.isfinite(moved)
+    return 2 * fast > seen
 
 
 def _neighbours(known: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -469,7 +469,7 @@ def placed_by_body(errors: Mapping[str, np.ndarray], observed: np.ndarray) -> di
 def doubtful(
     places: Mapping[str, np.ndarray],
     fitted: Mapping[str, np.ndarray],
-    error: np.ndarray,
+    errors: Mapping[str, np.ndarray],
     usual: Mapping[str, Usual],
     time: np.ndarray,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -478,7 +478,7 @@ def doubtful(
     Args:
         places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
         fitted: centre -> positions of the body (n, 3) [m].
-        error: RMS distance of the centres (n,) [m].
+        errors: centre -> distance between both (n,) [m], see `placed_by_body`.
         usual: lengths of the bones, see `usual_lengths`.
         time: times of the frames (n,) [s].
     """
@@ -511,12 +511,27 @@ def doubtful(
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
-    doubt(f"body off by more than {_POOR:g} m", error > _POOR, JOINTS)
+    doubt(f"body off by more than {_POOR:g} m", rms(errors, len(time)) > _POOR, JOINTS)
     for centre, joints in _CENTRES.items():
-        if centre in places:
-            apart = np.linalg.norm(places[centre] - fitted[centre], axis=1)
-            doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", apart > _ASTRAY, joints)
+        if centre in errors:
+            off = errors[centre] > _ASTRAY
+            doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", off, joints)
     return causes, wrong
+
+
+def rms(errors: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Return the root of the mean squared distance of centres (count,) [m]; NaN: none is seen.
+
+    Args:
+        errors: centre -> distance of the body's from the recording's (count,) [m]; NaN: not seen.
+        count: number of frames.
+    """
+    total, seen = np.zeros(count), np.zeros(count)
+    for each in errors.values():
+        known = np.isfinite(each)
+        total += np.where(known, each, 0.0) ** 2
+        seen += known
+    return np.sqrt(total / np.where(seen, seen, np.nan))
 
 
 def without_trunk(observed: np.ndarray, time: np.ndarray) -> np.ndarray:
