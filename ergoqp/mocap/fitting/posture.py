@@ -39,7 +39,7 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, cuts_of, spans_of
+from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, pieces_of, spans_of
 from ergoqp.mocap.fitting.validity import (
     Usual,
     angle_between,
@@ -555,8 +555,7 @@ def fit(
                 known = whole.doubts.setdefault(cause, np.zeros(count, dtype=bool))
                 known[rows] = frames[here]
         progress(stop / count)
-    # What is seen on the other side of a cut is not near.
-    apart = time + 2 * NEAR * np.concatenate([[0], np.cumsum(cuts_of(places, time))])
+    apart = pieces_of(places, time)
     lost = without_trunk(whole.observed, apart)
     return replace(
         whole,
