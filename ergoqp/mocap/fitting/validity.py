@@ -321,8 +321,12 @@ def _density(path: np.ndarray, time: np.ndarray, linked: np.ndarray, tremble: fl
     return np.maximum(_LIVELY, (mean - 6 * tremble**2) / (2 / 3 * (lag * step) ** 3))
 
 
-_OFF: Final = np.radians(10.0)
-"""Largest angle between a bone of the body and the recorded one [rad]: half a band of the sheet."""
+_OFF: Final = np.radians(20.0)
+"""Largest angle between a bone of the body and the recorded one [rad].
+
+It arises where the recorded angle is beyond the range of its joint. All ranges end within an outer
+band of the sheet, so the score is right for people who move farther than most.
+"""
 _RIGID: Final = 0.001
 """Variation of a rigid skeleton's bones is below this share of their length."""
 _LEAST: Final = 0.02
