@@ -174,9 +174,10 @@ def _unseen(
     since, until = np.abs(time[lost] - time[before]), np.abs(time[after] - time[lost])
     near = np.minimum(since, until)
     between = np.interp(time[lost], time[known], angles[known])
-    # A walk at random is as far from the line across a gap as in the middle of a gap of this half.
-    half = 2 * since * until / np.maximum(since + until, 1e-9)
-    inside = (before < lost) & (lost < after)
+    # A smooth movement is as far from the line across a gap as in the middle of a gap of this half.
+    half = np.sqrt(since * until)
+    inside = (before < lost) & (lost < after) & (since + until < 2 * NEAR)
+    between = np.where(inside, between, angles[np.where(since < until, before, after)])
     alone, across = _moves(angles, seen, time, upper - lower)
     reach = np.where(inside, np.interp(half, _TIMES, across), np.interp(near, _TIMES, alone))
     reach[near > NEAR] = np.inf

@@ -98,7 +98,7 @@ def filled(measured: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 BRIDGED: Final = 0.2
-"""Longest gap of a lost joint that is interpolated [s]."""
+"""Longest time between two wrong frames that is wrong, too [s]."""
 _LEAP: Final = 300.0
 """Change of a bone's angular velocity above which it jumps [rad/s^2]; hammering reaches 130."""
 _MOVED: Final = 0.03
@@ -161,15 +161,15 @@ def between_leaps(leaping: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> n
     marks, at = np.zeros(2 * len(time) - 1, dtype=bool), np.empty(2 * len(time) - 1)
     marks[::2], at[::2] = wrong, time
     marks[1::2], at[1::2] = leaping, (time[:-1] + time[1:]) / 2
-    return closed(marks, at)[::2]
+    return closed(marks, at, NEAR)[::2]
 
 
-def closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return some frames, and all between two of them that are less than `BRIDGED` apart."""
+def closed(frames: np.ndarray, time: np.ndarray, most: float = BRIDGED) -> np.ndarray:
+    """Return some frames, and all between two of them that are less than some time [s] apart."""
     if not frames.any():
         return frames
     between, before, after = gaps(frames)
-    return frames | (between & (time[after] - time[before] < BRIDGED))
+    return frames | (between & (time[after] - time[before] < most))
 
 
 def gaps(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -366,7 +366,12 @@ def _of(side: str, joints: Iterable[str]) -> tuple[str, ...]:
 
 _ABOVE: Final = (*_TRUNK, *_NECK, *(joint for side in SIDES for joint in _of(side, _ARM)))
 """Joints whose angles depend on hips and neck: those of the trunk, and all that hang from it."""
-_FROM_SHOULDER: Final = {side: ("trunk_twist", *_of(side, _ARM[:4])) for side in SIDES}
+_FROM_SHOULDERS: Final = (
+    "trunk_twist",
+    "neck_twist",
+    *(joint for side in SIDES for joint in _of(side, _ARM[:4])),
+)
+"""Joints whose angles depend on a shoulder: both arms are measured from the twist of the trunk."""
 _DIRECTIONS: Final = (
     ("trunk", "hips", "neck", _ABOVE),
     ("neck", "neck", "skull", _NECK),
@@ -394,7 +399,11 @@ _CENTRES: Final = {
     **{
         f"{side}_{centre}": _of(side, joints)
         for side in SIDES
-        for centres, joints in ((("shoulder", "elbow", "wrist"), _ARM), (("hip", "knee"), _LEG))
+        for centres, joints in (
+            (("shoulder", "elbow"), _ARM),
+            (("wrist",), _ARM[2:]),
+            (("hip", "knee"), _LEG),
+        )
         for centre in centres
     },
 }
@@ -515,6 +524,10 @@ def doubtful(
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
+    unusual = [causes.get(f"{side} shoulder of unusual length") for side in SIDES]
+    if unusual[0] is not None and unusual[1] is not None:
+        # What both shoulders are too near to, or too far from, is itself in a wrong place.
+        doubt("neck out of place", unusual[0] & unusual[1], _ABOVE)
     doubt(f"body off by more than {_POOR:g} m", rms(errors, len(time)) > _POOR, JOINTS)
     for centre, joints in _CENTRES.items():
         if centre in errors:
@@ -568,12 +581,11 @@ def _bones() -> Iterator[tuple[str, str, str, float, tuple[str, ...]]]:
     legs = tuple(joint for side in SIDES for joint in _of(side, _LEG))
     yield "trunk", "hips", "neck", _MOST, _ABOVE
     yield "neck", "neck", "skull", _MOST, _NECK
-    yield "pelvis", "right_hip", "left_hip", 0.1, (*_TRUNK, *legs)
-    both = tuple(dict.fromkeys(joint for side in SIDES for joint in _FROM_SHOULDER[side]))
-    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15, both
+    yield "pelvis", "right_hip", "left_hip", 0.1, (*_ABOVE, *legs)
+    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15, _FROM_SHOULDERS
     for side in SIDES:
         arm, leg = _of(side, _ARM), _of(side, _LEG)
-        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2, _FROM_SHOULDER[side]
+        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2, _FROM_SHOULDERS
         yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1, arm
         yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06, arm
         yield f"{side} thigh", f"{side}_hip", f"{side}_knee", 0.06, leg
