@@ -252,7 +252,7 @@ def _judged(ends: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _silent(found: Recording, truth: Recording) -> str:
-    off = np.where(found.scored, outside(found, truth.postures), 0.0)
+    off = np.where(found.scored & truth.scored, outside(found, truth.postures), 0.0)
     if (off <= OFF).all():
         return ""
     return f"{(off > OFF).sum()} frames are scored up to {off.max():.0f} deg wrongly"

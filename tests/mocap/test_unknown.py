@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.made_motions import RATE, Places, fitted, leaning, posture
@@ -75,6 +75,8 @@ def test_near_in_time_it_is_near_and_later_anywhere() -> None:
 def test_gaps_of_less_than_a_second_hold(
     size: float, hertz: float, first: int, seconds: float
 ) -> None:
+    # Of a swing that turns twice in a gap nothing is left to be measured.
+    assume(hertz * seconds < 0.45)
     truth = swinging(size, hertz)
     observed = np.ones_like(truth, dtype=bool)
     rows = slice(first, first + max(1, int(seconds * RATE)))

@@ -329,8 +329,10 @@ band of the sheet, so the score is right for people who move farther than most.
 """
 _RIGID: Final = 0.001
 """Variation of a rigid skeleton's bones is below this share of their length."""
-_LEAST: Final = 0.02
-"""Share by which such a bone may be longer or shorter; with a sideways error it is 12 degrees."""
+_LEAST: Final = 0.015
+"""Share by which such a bone may be longer or shorter; with a sideways error it is 10 degrees."""
+_STEADY: Final = 0.1
+"""Share of its length by which a bone may vary that shows where its ends are."""
 _USUALLY: Final = 6.0
 """Factor on its usual variation by which another bone may be longer or shorter."""
 _MOST: Final = 0.3
@@ -524,16 +526,40 @@ def doubtful(
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
-    unusual = [causes.get(f"{side} shoulder of unusual length") for side in SIDES]
-    if unusual[0] is not None and unusual[1] is not None:
-        # What both shoulders are too near to, or too far from, is itself in a wrong place.
-        doubt("neck out of place", unusual[0] & unusual[1], _ABOVE)
+    doubt("neck out of place", _neck_wrong(causes, usual, len(time)), _ABOVE)
     doubt(f"body off by more than {_POOR:g} m", rms(errors, len(time)) > _POOR, JOINTS)
     for centre, joints in _CENTRES.items():
         if centre in errors:
             off = errors[centre] > _ASTRAY
             doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", off, joints)
     return causes, wrong
+
+
+def _neck_wrong(
+    causes: Mapping[str, np.ndarray], usual: Mapping[str, Usual], count: int
+) -> np.ndarray:
+    """Return the frames in which the base of the neck may be in a wrong place (count,) bool.
+
+    It is the common end of the bones to the head and to both shoulders. If one of them is of
+    unusual length and another one is as long as usual, the neck is right. But only a bone that
+    keeps its length shows that, unless it is one shoulder alone.
+    """
+    none = np.zeros(count, dtype=bool)
+    unusual = {
+        name: causes.get(f"{name} of unusual length", none)
+        for name in ("neck", "right shoulder", "left shoulder")
+        if name in usual
+    }
+    if not unusual:
+        return none
+    steady = [
+        ~frames
+        for name, frames in unusual.items()
+        if usual[name].leeway < _STEADY * usual[name].length
+    ]
+    wrong = np.sum(list(unusual.values()), axis=0)
+    shown = np.logical_or.reduce([none, *steady])
+    return (wrong >= 2) | (unusual.get("neck", none) & ~shown)
 
 
 def rms(errors: Mapping[str, np.ndarray], count: int) -> np.ndarray:
