@@ -180,6 +180,10 @@ def _unseen(
     between = np.where(inside, between, angles[np.where(since < until, before, after)])
     alone, across = _moves(angles, seen, time, upper - lower)
     reach = np.where(inside, np.interp(half, _TIMES, across), np.interp(near, _TIMES, alone))
+    # Where the angle changes faster than it ever does, it may jump anywhere in the gap.
+    change = np.abs(angles[after] - angles[before])
+    leaps = inside & (change > np.interp(since + until, _TIMES, alone))
+    reach = np.where(leaps, np.maximum(reach, change), reach)
     reach[near > NEAR] = np.inf
     # What the frames around suggest is within the ends, too.
     low[lost] = np.minimum(np.maximum(between - reach, lower), angles[lost])
