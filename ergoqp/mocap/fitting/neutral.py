@@ -315,6 +315,7 @@ def _stand(stands: np.ndarray, trunk: np.ndarray, time: np.ndarray) -> np.ndarra
         trunk: forward lean of the trunk (n,) [rad].
         time: times of the frames (n,) [s].
     """
+    stands = stands & np.isfinite(trunk)
     upright = stands & (np.abs(trunk) < _UPRIGHT)
     if upright.sum() >= 0.1 * stands.sum() and _duration(upright, time) >= _LONG:
         return upright
