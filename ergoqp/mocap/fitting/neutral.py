@@ -243,11 +243,11 @@ def neutral_of(
         if when in found:
             return _neutral(when, least, found, skin)
     sentence = "No upright moment is found: the trunk is measured to the vertical"
-    nod = max(float(np.nanpercentile(neck, 75)), 0.0) if np.isfinite(neck).any() else 0.0
+    nod = max(float(np.nanmedian(neck)), 0.0) if np.isfinite(neck).any() else 0.0
     if nod > 0:
         sentence += (
             f", and the neck to the trunk; as the neck leans forward by {math.degrees(nod):.0f} deg"
-            " or less most of the time, its zero may be there, too"
+            " most of the time, its zero may be there, too"
         )
     return Neutral(0.0, 0.0, f"{sentence}.", _hull(0.0, 0.0 if skin else walk), (0.0, nod))
 

@@ -522,7 +522,7 @@ def doubtful(
     for name, (bone, joints) in bones.items():
         off = np.abs(np.linalg.norm(bone, axis=1) - usual[name].length)
         # Between two wrong frames, a frame in which the length happens to be right is wrong, too.
-        stretched = closed(off > usual[name].leeway, time)
+        stretched = closed(_whole_runs(off, usual[name].leeway), time)
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
@@ -533,6 +533,20 @@ def doubtful(
             off = errors[centre] > _ASTRAY
             doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", off, joints)
     return causes, wrong
+
+
+def _whole_runs(off: np.ndarray, leeway: float) -> np.ndarray:
+    """Return the frames in which a length is off by more than a leeway (n,) bool.
+
+    Those around are returned, too, as long as it is off by half of that: a point that drifts is
+    wrong before it shows, and after.
+    """
+    wrong, near = off > leeway, np.nan_to_num(off) > leeway / 2
+    if not wrong.any():
+        return wrong
+    starts = np.flatnonzero(np.diff(near, prepend=~near[0]))
+    whole = np.logical_or.reduceat(wrong, starts)
+    return np.repeat(whole, np.diff(starts, append=len(off))) & near
 
 
 def _neck_wrong(
