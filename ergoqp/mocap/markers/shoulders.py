@@ -22,7 +22,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.human.body import FRACTIONS, stature_of
+from ergoqp.human.body import stature_of
 from ergoqp.joints import SIDES
 from ergoqp.mocap.markers.rigid import usual_distance
 
@@ -47,13 +47,18 @@ _DEVIATES: Final = (0.004, 0.1, 0.3)
 displacement and of its standard deviation."""
 _OFFSET: Final = 0.005
 """Standard deviation of a coordinate of the offset [m]."""
-_BELOW: Final = 0.04
+_BELOW: Final = 0.02
 """That of the slide at 120 deg [m], for takes in which no arm hangs and where it began is not
 seen."""
-_BODY: Final = 0.06
-"""That of the radius from body proportions, as a share."""
+_UPPER_ARM: Final = 0.174
+"""Length of the upper arm as a share of the stature: between those of Drillis and Contini (1966),
+0.186, and of de Leva (1996), 0.162."""
+_LENGTH: Final = (0.03, 0.08)
+"""Standard deviation of the radius, as a share: from hanging arms, and from the stature."""
 _NOISE: Final = 0.004
 """Least standard deviation of lengths and displacements in one direction of the arm [m]."""
+_NOISY: Final = (_NOISE, 0.012)
+"""Range of the former as it is found in the take [m]."""
 _STEP: Final = (0.03, 0.01)
 """Usual first and second differences of the displacement between knots [m]."""
 _FAR: Final = 0.02
@@ -175,7 +180,7 @@ def usual_radius(centres: Mapping[str, np.ndarray], elbow: float) -> float:
     }
     if not lengths:
         return float("nan")
-    return float(np.hypot(FRACTIONS["upper_arm"] * stature_of(lengths), elbow))
+    return float(np.hypot(_UPPER_ARM * stature_of(lengths), elbow))
 
 
 def _distance(centres: Mapping[str, np.ndarray], one: str, other: str) -> float:
@@ -205,18 +210,22 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray, radius: float) -> Sliding | 
     moves, uncertain = _displacement(shares, marker, weight)
 
     lowest = float(np.quantile(raised, 0.05))
-    unseen = _BELOW * lowest / 120 if lowest > _HANGING else 0.0
+    hangs = lowest <= _HANGING
+    unseen = 0.0 if hangs else _BELOW * lowest / 120
+    if hangs:
+        radius = float(np.median(length[raised <= _HANGING]))
     deviates = [_DEVIATES[0] + 0 * moves, _DEVIATES[1] * moves, _DEVIATES[2] * uncertain]
     spread = np.concatenate(
         [
             np.full(3, np.hypot(_OFFSET, unseen)),
             np.full(3, _SHARE[1]),
             np.linalg.norm(deviates, axis=0).ravel(),
-            [_BODY * radius],
+            [_LENGTH[0 if hangs else 1] * radius],
         ]
     )
     prior = np.concatenate([np.zeros(3), np.full(3, _SHARE[0]), np.zeros(3 * _COUNT), [radius]])
-    slopes, found, noise = _slopes(shares, moves), prior, _NOISE
+    slopes, noise = _slopes(shares, moves), _NOISE
+    found = np.concatenate([prior[:-1], [np.median(length)]])
     for _ in range(_ROUNDS):
         bone = arm - slopes @ found
         length = np.linalg.norm(bone, axis=1)
@@ -228,7 +237,7 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray, radius: float) -> Sliding | 
         slope = weighted.T @ off + (found - prior) / spread**2
         found = found - np.linalg.solve(curvature, slope)
         usual = 1.4826 * float(np.median(np.abs(off)))
-        noise = max(_NOISE, 1.5 * usual)
+        noise = float(np.clip(1.5 * usual, *_NOISY))
     every = _slopes(_shares(np.arange(181.0)), moves)
     slide = found[3:6] * moves + found[6:-1].reshape(_COUNT, 3)
     return Sliding(
@@ -238,7 +247,7 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray, radius: float) -> Sliding | 
         covariance=every @ np.linalg.inv(curvature) @ np.swapaxes(every, 1, 2),
         usual=max(usual, _NOISE / 2),
         highest=float(np.quantile(raised, 0.995)),
-        hangs=lowest <= _HANGING,
+        hangs=hangs,
     )
 
 
