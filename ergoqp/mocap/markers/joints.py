@@ -24,7 +24,13 @@ from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
 from ergoqp.mocap.markers.fit import check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
-from ergoqp.mocap.markers.shoulders import Sliding, axes_of, sliding_of, sliding_said, usual_radius
+from ergoqp.mocap.markers.shoulders import (
+    Sliding,
+    axes_of,
+    sliding_of,
+    sliding_said,
+    turned,
+)
 from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
 
@@ -180,14 +186,11 @@ def _sliding(
     neck = (place["c7"] + place["notch"]) / 2
     seen = [np.isfinite(each[:, 0]).sum() for each in (neck, place["c7"], place["notch"])]
     trunk = (neck, place["c7"], place["notch"])[int(np.argmax(seen))]
-    radius = usual_radius(centres_of_landmarks(at, widths, size), widths.elbow)
-    axes, found = axes_of(down, left), {}
+    axes = axes_of(down, left)
+    found: dict[str, Sliding] = {}
     for side, below in zip(SIDES, _below(place, down, widths), strict=True):
-        arm, marker = (
-            np.einsum("nij,nj->ni", axes, each)
-            for each in (place[f"{side}_outer_elbow"] - below, place[f"{side}_acromion"] - trunk)
-        )
-        sliding = sliding_of(arm, marker, radius)
+        arm = turned(axes, place[f"{side}_outer_elbow"] - below)
+        sliding = sliding_of(arm, turned(axes, place[f"{side}_acromion"] - trunk))
         if sliding is not None:
             found[side] = sliding
     return found
@@ -247,8 +250,8 @@ def _shoulders(
     sliding: Mapping[str, Sliding],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the shoulders, and the doubts about the upper arms of the sides that may slide."""
-    shoulders = dict(zip(SIDES, _below(place, down, widths), strict=True))
-    doubts = {}
+    shoulders: dict[str, np.ndarray] = dict(zip(SIDES, _below(place, down, widths), strict=True))
+    doubts: dict[str, np.ndarray] = {}
     for side, each in sliding.items():
         elbow = place[f"{side}_outer_elbow"]
         shoulders[side], doubts[side] = each.joint(shoulders[side], elbow, axes_of(down, left))
@@ -453,7 +456,7 @@ def joints_of_markers(
     around = round(_ON_ITS_WAY / step)
     # One array per centre, so that the memory of each can be freed separately.
     centres: dict[str, np.ndarray] = {}
-    doubts = {f"{side}_upper_arm": np.zeros(count, dtype=np.float32) for side in SIDES}
+    doubts = {side: np.zeros(count, dtype=np.float32) for side in SIDES}
     filled: Counter[str] = Counter()
     astray: Astray = {}
     for start in range(0, count, _BLOCK):
@@ -473,7 +476,7 @@ def joints_of_markers(
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
         found, doubtful = centres_and_doubts(at, widths, size, sliding)
         for side, half in doubtful.items():
-            doubts[f"{side}_upper_arm"][start : start + _BLOCK] = half[inside]
+            doubts[side][start : start + _BLOCK] = half[inside]
         found |= {name: path for name, path in at.items() if name in CENTRES}
         for name, path in found.items():
             if name not in centres:
@@ -483,7 +486,8 @@ def joints_of_markers(
     bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
     how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
     how += sliding_said(sliding, doubts)
-    return centres, [*how, *astray_said(motion, astray), *said], astray, doubts
+    said = [*how, *astray_said(motion, astray), *said]
+    return centres, said, astray, {f"{side}_upper_arm": half for side, half in doubts.items()}
 
 
 def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:
