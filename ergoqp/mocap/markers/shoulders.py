@@ -34,6 +34,8 @@ _FEW: Final = 10
 _CELL: Final = 0.2
 """Size of cells of directions. The errors of the frames in a cell are alike, so that all together
 count as one measurement."""
+_DIRECTIONS: Final = 4
+"""Least number of cells whose frames show a sphere."""
 _LEAST: Final = 0.006
 """Largest slide that is taken as none [m]: 1.2 deg of an upper arm."""
 _SHARE: Final = (0.65, 0.35)
@@ -72,6 +74,7 @@ class Sliding:
         covariance: of the joint's place, for each degree of elevation (181, 3, 3) [m^2].
         highest: highest elevation [deg].
         hangs: whether the arm hangs in some frames.
+        shown: whether the arm points in enough directions to show the sphere.
     """
 
     offset: np.ndarray
@@ -81,6 +84,7 @@ class Sliding:
     covariance: np.ndarray
     highest: float
     hangs: bool
+    shown: bool
 
     def at(self, elevation: np.ndarray) -> np.ndarray:
         """Return the slide at elevations (n,) [deg] as (n, 3) [m]."""
@@ -90,7 +94,7 @@ class Sliding:
     def slides(self) -> bool:
         """Whether the joint is moved; else all are left where they are below the marker."""
         moved = self.offset - self.at(np.minimum(_KNOTS, self.highest))
-        return float(np.linalg.norm(moved, axis=1).max()) >= _LEAST
+        return self.shown and float(np.linalg.norm(moved, axis=1).max()) >= _LEAST
 
     def joint(
         self, below: np.ndarray, elbow: np.ndarray, axes: np.ndarray
@@ -204,6 +208,7 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray) -> Sliding | None:
         covariance=every @ covariance @ np.swapaxes(every, 1, 2),
         highest=float(np.quantile(raised, 0.995)),
         hangs=hangs,
+        shown=len(count) >= _DIRECTIONS,
     )
 
 
