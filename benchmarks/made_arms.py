@@ -20,7 +20,7 @@ from ergoqp.sheets.description import elevation_of
 Shape = Callable[[np.ndarray], np.ndarray]
 ARM: Final = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
 """Markers that move with the shoulder's joint."""
-STILL: Final = 150
+STILL: Final = 75
 """Frames of hanging arms before a movement."""
 LOWEST: Final = 40.0
 """Least elevation in takes without a hanging arm [deg]."""
@@ -31,7 +31,7 @@ def ramp(elevation: np.ndarray) -> np.ndarray:
     return np.clip(elevation / 120, 0, 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Slide:
     """What moves in the trunk when an arm is raised.
 
@@ -82,7 +82,7 @@ def raised(name: str, elbow: float, *, hang: bool) -> np.ndarray:
         elbow: bend of the elbows [deg].
         hang: whether the arms hang first; else only frames with raised arms are kept.
     """
-    moved = shoulders(name, elbow, 361)
+    moved = shoulders(name, elbow)
     if not hang:
         return moved[np.degrees(elevation_of(moved)[0]).min(axis=1) >= LOWEST]
     bends = {"trunk_flexion": 5.0, "neck_flexion": 4.0, "arms_elbow_flexion": elbow}
