@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.made_arms import ARM, Slide, Take, one_arm, raised, take_of
+from benchmarks.made_arms import ARM, Slide, Take, busy, one_arm, raised, take_of
 from benchmarks.made_motions import RATE
 from benchmarks.recording_arms import errors
 from ergoqp.joints import INDEX, SIDES
@@ -27,6 +28,7 @@ from ergoqp.mocap.recording import JointMotion
 
 NONE = Slide()
 MUCH = Slide(skin=(0.045, 0.035, 0.0))
+MOST = Slide(skin=(0.060, 0.050, 0.0))
 WITH_THE_JOINT = Slide(skin=(0.045, 0.035, 0.0), rise=(0.03, 0.01))
 RADIUS = 0.31
 
@@ -85,6 +87,30 @@ def test_frames_of_raised_arms_are_scored() -> None:
     assert "sphere" in said[0]
 
 
+@pytest.mark.parametrize("hang", [True, False])
+@pytest.mark.parametrize("name", ["raised forward", "raised sideways"])
+def test_a_marker_that_slides_is_not_left_out(name: str, hang: bool) -> None:
+    found = found_in(take(MOST, name, hang))
+    assert not any("left out" in each for each in found.said)
+    for side in SIDES:
+        assert np.isfinite(found.paths[f"{side}_shoulder"]).all()
+
+
+def test_in_a_trunk_that_bends_and_walks() -> None:
+    every = errors(take_of(busy(raised("raised sideways", 90.0, hang=True)), MUCH))
+    assert rms(every["joint"]) < 2
+    assert np.mean(every["joint"] <= every["half"] + 1) > 0.95
+
+
+def test_one_marker_of_the_neck_is_enough() -> None:
+    made = take()
+    places = made.places.copy()
+    places[:, made.names.index("CLAV")] = np.nan
+    found, whole = found_in(made, places), found_in(made)
+    off = found.paths["right_shoulder"] - whole.paths["right_shoulder"]
+    assert np.linalg.norm(off, axis=1).max() < 0.01
+
+
 def test_low_arms_are_read_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     postures = raised("raised sideways", 90.0, hang=True)
     for side in SIDES:
@@ -135,7 +161,7 @@ def test_an_arm_that_is_held_still_shows_no_sphere(monkeypatch: pytest.MonkeyPat
     found = found_in(made)
     same(found, unmoved(monkeypatch, made))
     # Where its marker has slid from is not seen, either.
-    assert np.degrees(min(half.min() for half in found.doubts.values())) > 2
+    assert np.degrees(min(half.min() for half in found.doubts.values())) > 4
 
 
 def test_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,6 +232,45 @@ def test_the_slide_is_found_with_its_signs(side: str) -> None:
     assert np.abs(found - slide).max() < 0.016
     assert rms(found - slide) < 0.006
     assert np.abs(sliding.at(np.array([120.0]))[0] - slide[-1]).max() < 0.012
+    # What is found is what fits best.
+    bone = arm - sliding.offset + sliding.at(elevation_of(arm))
+    assert rms(np.linalg.norm(bone, axis=1) - sliding.radius) < 0.0015
+
+
+def test_frames_that_are_wrong_weigh_little() -> None:
+    arm, marker, slide = arms()
+    wrong = np.arange(len(arm)) % 5 == 0
+    arm[wrong] *= 1.25
+    sliding = sliding_of(arm, marker)
+    assert sliding is not None
+    assert sliding.radius == pytest.approx(RADIUS, abs=0.005)
+    assert rms(sliding.at(elevation_of(arm)) - sliding.offset - slide) < 0.008
+
+
+def plain(slide: np.ndarray, **changes: Any) -> Sliding:
+    """A slide at each knot (6, 3), without any doubt."""
+    none = np.zeros((181, 3, 3))
+    return replace(Sliding(np.zeros(3), slide, RADIUS, 0.002, none, 100.0, True, True), **changes)
+
+
+def test_what_counts_as_a_slide() -> None:
+    slide = np.zeros((6, 3))
+    slide[3:] = [0.0, 0.0, 0.03]
+    assert plain(slide).slides
+    assert not plain(slide, highest=60.0).slides
+    assert not plain(slide, shown=False).slides
+    assert not plain(0 * slide + 0.01, offset=np.full(3, 0.01)).slides
+    assert plain(0 * slide + 0.01, offset=np.full(3, -0.01)).slides
+
+
+def test_only_the_doubt_across_the_arm_turns_it() -> None:
+    one, elbow, axes = np.zeros((1, 3)), np.array([[0.0, -RADIUS, 0.0]]), np.eye(3)[None]
+    slide = np.full((6, 3), 1e-9)
+    for variance, doubt in (([0, 1e-4, 0], 0.0), ([1e-4, 0, 0], 0.013), ([0, 0, 1e-4], 0.013)):
+        spread = np.tile(np.diag(variance), (181, 1, 1))
+        sliding = plain(slide, covariance=spread, hangs=False)
+        half = sliding.joint(one, elbow, axes)[1][0]
+        assert half == pytest.approx(doubt / RADIUS, abs=1e-6)
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -255,14 +320,11 @@ def test_too_little_to_be_told() -> None:
 def test_the_sentence_says_how_far() -> None:
     slide = np.zeros((6, 3))
     slide[1:] = [0.0, 0.03, 0.04]
-    none = np.zeros((181, 3, 3))
-    sliding = Sliding(np.zeros(3), slide, RADIUS, 0.002, none, 100.0, True, True)
     doubts = {"right": np.full(10, np.radians(3.0))}
-    (said,) = sliding_said({"right": sliding}, doubts)
+    (said,) = sliding_said({"right": plain(slide)}, doubts)
     assert "right 50 mm at 100 deg" in said
     assert "off by 3 deg" in said
-    still = Sliding(np.zeros(3), 0 * slide, RADIUS, 0.002, none, 100.0, True, True)
-    assert sliding_said({"right": still}, doubts) == []
+    assert sliding_said({"right": plain(0 * slide)}, doubts) == []
 
 
 def test_the_made_take_slides_as_it_says() -> None:
