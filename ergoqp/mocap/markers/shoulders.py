@@ -31,6 +31,8 @@ _RAISED: Final = 50.0
 """The same for an arm that is not raised."""
 _FEW: Final = 10
 """Least number of frames with a raised arm, and number of frames with which a cell counts fully."""
+_ENOUGH: Final = 2000
+"""Largest number of frames that are used."""
 _CELL: Final = 0.2
 """Size of cells of directions. The errors of the frames in a cell are alike, so that all together
 count as one measurement."""
@@ -43,9 +45,8 @@ _SHARE: Final = (0.65, 0.35)
 _DEVIATES: Final = (0.006, 0.1, 0.3)
 """Standard deviation of the slide at a knot from that share: a constant [m], and shares of the
 displacement and of its own standard deviation."""
-_OFFSET: Final = (0.005, 0.02)
-"""Standard deviation of a coordinate of the offset [m]; if no arm hangs, where the slide began is
-not seen, and this is added at an elevation of 120 deg."""
+_OFFSET: Final = 0.005
+"""Standard deviation of a coordinate of the offset [m]."""
 _RADIUS: Final = ((1.0, 0.03), (0.95, 0.05))
 """Radius and its standard deviation, as shares of the length of the hanging arm, or of the lowest
 third: a marker that slides makes the arm longer."""
@@ -55,7 +56,7 @@ _NOISE: Final = (0.004, 0.012)
 """Range of the standard deviation of lengths and displacements in a cell [m]."""
 _FAR: Final = 0.02
 """Deviation of a length at which a frame weighs half [m]."""
-_ROUNDS: Final = 8
+_ROUNDS: Final = 6
 _WIDE: Final = 1.3
 """Factor on the standard deviation across the arm for the half-angle."""
 _USUALLY: Final = 3.0
@@ -158,20 +159,21 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray) -> Sliding | None:
         marker: acromion's marker from a place on the trunk, in those axes (n, 3) [m].
     """
     seen = np.isfinite(arm).all(axis=1) & np.isfinite(marker).all(axis=1)
-    if not seen.any():
-        return None
     length = np.linalg.norm(arm, axis=1)
-    usual = float(np.median(length[seen]))
+    usual = float(np.median(length[seen])) if seen.any() else 0.0
     # Markers that are exchanged or have fallen off are left out.
     seen &= np.abs(length - usual) < usual / 2
-    arm, marker, length = arm[seen], marker[seen], length[seen]
+    if not seen.any():
+        return None
+    rows = np.flatnonzero(seen)
+    rows = rows[:: -(-len(rows) // _ENOUGH)]
+    arm, marker, length = arm[rows], marker[rows], length[rows]
     raised = elevation_of(arm)
     if (raised > _RAISED).sum() < _FEW:
         return None
-    _, cell, count = np.unique(
-        np.rint(arm / length[:, None] / _CELL), axis=0, return_inverse=True, return_counts=True
-    )
-    weight = 1 / np.maximum(count[cell.ravel()], _FEW)
+    cells = np.rint(arm / length[:, None] / _CELL).astype(int) @ [1, 100, 10_000]
+    _, cell, count = np.unique(cells, return_inverse=True, return_counts=True)
+    weight = 1 / np.maximum(count[cell], _FEW)
     shares = _shares(raised)
     moves, error = _displacement(shares, marker, weight)
 
@@ -179,12 +181,10 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray) -> Sliding | None:
     hangs = lowest <= _HANGING
     low = raised <= (_HANGING if hangs else np.quantile(raised, 1 / 3))
     radius, spread = np.array(_RADIUS[0 if hangs else 1]) * float(np.median(length[low]))
-    began = 0.0 if hangs else _OFFSET[1] * lowest / 120
     deviates = np.hypot(np.hypot(_DEVIATES[0], _DEVIATES[1] * moves), _DEVIATES[2] * error)
     # Offset, share of each axis, deviation at each knot, and radius.
-    prior = np.array([*np.zeros(3), *np.full(3, _SHARE[0]), *np.zeros(3 * _COUNT), radius])
-    offset = np.full(3, np.hypot(_OFFSET[0], began))
-    sure = np.array([*offset, *np.full(3, _SHARE[1]), *deviates.ravel(), spread]) ** -2
+    prior = np.array([*3 * [0.0], *3 * [_SHARE[0]], *np.zeros(3 * _COUNT), radius])
+    sure = np.array([*3 * [_OFFSET], *3 * [_SHARE[1]], *deviates.ravel(), spread]) ** -2
     slopes, found, noise = _slopes(shares, moves), prior, _NOISE[0]
     covariance = np.diag(1 / sure)
     for _ in range(_ROUNDS):
