@@ -23,21 +23,22 @@ from typing import Final
 import numpy as np
 
 _KNOTS: Final = np.array([0.0, 30.0, 60.0, 90.0, 120.0, 150.0])
-"""Elevations between which displacement and slide are linear [deg]; above, they are constant."""
+"""Elevations between which displacement and slide are linear [deg]; above, they are constant. At
+the first, both are zero."""
 _COUNT: Final = len(_KNOTS) - 1
 _HANGING: Final = 35.0
-"""Largest elevation of a hanging arm [deg], for the marker outside the elbow, which adds 9 deg."""
 _RAISED: Final = 50.0
-"""The same for an arm that is not raised."""
+"""Elevations up to which an arm hangs, and above which it is raised [deg]. They are those of the
+marker outside the elbow, which adds 9 deg."""
 _FEW: Final = 10
 """Least number of frames with a raised arm, and number of frames with which a cell counts fully."""
 _ENOUGH: Final = 2000
 """Largest number of frames that are used."""
 _CELL: Final = 0.2
-"""Size of cells of directions. The errors of the frames in a cell are alike, so that all together
-count as one measurement."""
+"""Size of cells of directions. All frames of a cell count as one measurement: their errors are
+alike."""
 _DIRECTIONS: Final = 4
-"""Least number of cells whose frames show a sphere."""
+"""Least number of cells that show a sphere."""
 _LEAST: Final = 0.006
 """Largest slide that is taken as none [m]: 1.2 deg of an upper arm."""
 _SHARE: Final = (0.65, 0.35)
@@ -69,7 +70,7 @@ class Sliding:
 
     Attributes:
         offset: of the joint from where it is below the marker (3,) [m].
-        slide: of the marker at the elevations `_KNOTS` (k, 3) [m].
+        slide: of the marker at the elevations `_KNOTS` but the first (k, 3) [m].
         radius: distance of the joint from the marker outside the elbow [m].
         usual: usual deviation of that distance [m].
         covariance: of the joint's place, for each degree of elevation (181, 3, 3) [m^2].
@@ -89,7 +90,7 @@ class Sliding:
 
     def at(self, elevation: np.ndarray) -> np.ndarray:
         """Return the slide at elevations (n,) [deg] as (n, 3) [m]."""
-        return np.stack([np.interp(elevation, _KNOTS, axis) for axis in self.slide.T], axis=1)
+        return _shares(elevation) @ self.slide
 
     @property
     def slides(self) -> bool:
@@ -199,10 +200,9 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray) -> Sliding | None:
         usual = max(1.4826 * float(np.median(np.abs(off))), _NOISE[0] / 2)
         noise = float(np.clip(1.5 * usual, *_NOISE))
     every = _slopes(_shares(np.arange(181.0)), moves)
-    slide = found[3:6] * moves + found[6:-1].reshape(_COUNT, 3)
     return Sliding(
         offset=found[:3],
-        slide=np.vstack([np.zeros(3), slide]),
+        slide=found[3:6] * moves + found[6:-1].reshape(_COUNT, 3),
         radius=float(found[-1]),
         usual=usual,
         covariance=every @ covariance @ np.swapaxes(every, 1, 2),
@@ -213,14 +213,14 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray) -> Sliding | None:
 
 
 def _shares(elevation: np.ndarray) -> np.ndarray:
-    """Return the shares of all knots but the first at elevations (n,) [deg] as (n, k - 1)."""
+    """Return the shares of all knots but the first at elevations (n,) [deg] as (n, k)."""
     return np.stack([np.interp(elevation, _KNOTS, row) for row in np.eye(_COUNT + 1)[1:]], axis=1)
 
 
 def _displacement(
     shares: np.ndarray, marker: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a marker's mean displacement at each knot (k - 1, 3) [m], and its error (k - 1, 1).
+    """Return a marker's mean displacement at each knot (k, 3) [m], and its error (k, 1) [m].
 
     Where the take shows no elevation, the displacement changes as steeply as beside: it is zero for
     a hanging arm even if none hangs.

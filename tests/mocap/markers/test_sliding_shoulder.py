@@ -249,24 +249,25 @@ def test_frames_that_are_wrong_weigh_little(longer: float) -> None:
 
 
 def plain(slide: np.ndarray, **changes: Any) -> Sliding:
-    """A slide at each knot (6, 3), without any doubt."""
+    """A slide at each knot (5, 3), without any doubt."""
     none = np.zeros((181, 3, 3))
     return replace(Sliding(np.zeros(3), slide, RADIUS, 0.002, none, 100.0, True, True), **changes)
 
 
 def test_what_counts_as_a_slide() -> None:
-    slide = np.zeros((6, 3))
-    slide[3:] = [0.0, 0.0, 0.03]
+    slide = np.zeros((5, 3))
+    slide[2:] = [0.0, 0.0, 0.03]
     assert plain(slide).slides
     assert not plain(slide, highest=60.0).slides
     assert not plain(slide, shown=False).slides
-    assert not plain(0 * slide + 0.01, offset=np.full(3, 0.01)).slides
-    assert plain(0 * slide + 0.01, offset=np.full(3, -0.01)).slides
+    away = np.full(3, 0.0033)
+    assert not plain(0 * slide + 2 * away, offset=away).slides
+    assert plain(0 * slide + 2 * away, offset=-away).slides
 
 
 def test_only_the_doubt_across_the_arm_turns_it() -> None:
     one, elbow, axes = np.zeros((1, 3)), np.array([[0.0, -RADIUS, 0.0]]), np.eye(3)[None]
-    slide = np.full((6, 3), 1e-9)
+    slide = np.full((5, 3), 1e-9)
     for variance, doubt in (([0, 1e-4, 0], 0.0), ([1e-4, 0, 0], 0.013), ([0, 0, 1e-4], 0.013)):
         spread = np.tile(np.diag(variance), (181, 1, 1))
         sliding = plain(slide, covariance=spread, hangs=False)
@@ -324,8 +325,7 @@ def test_too_little_to_be_told() -> None:
 
 
 def test_the_sentence_says_how_far() -> None:
-    slide = np.zeros((6, 3))
-    slide[1:] = [0.0, 0.03, 0.04]
+    slide = np.tile([0.0, 0.03, 0.04], (5, 1))
     doubts = {"right": np.full(10, np.radians(3.0))}
     (said,) = sliding_said({"right": plain(slide)}, doubts)
     assert "right 50 mm at 100 deg" in said
