@@ -74,20 +74,21 @@ class Take:
     arms: dict[str, np.ndarray]
 
 
-def raised(name: str, elbow: float, *, hang: bool) -> np.ndarray:
+def raised(name: str, elbow: float, *, hang: bool, still: int = STILL) -> np.ndarray:
     """Return postures (n, 32) [rad] of a movement, after hanging arms or without any low arm.
 
     Args:
         name: movement of `benchmarks.made_motions.SHOULDERS`.
         elbow: bend of the elbows [deg].
         hang: whether the arms hang first; else only frames with raised arms are kept.
+        still: for how many frames they hang first.
     """
     moved = shoulders(name, elbow)
     if not hang:
         return moved[np.degrees(elevation_of(moved)[0]).min(axis=1) >= LOWEST]
     bends = {"trunk_flexion": 5.0, "neck_flexion": 4.0, "arms_elbow_flexion": elbow}
-    still = posture(1, arms_shoulder_abduction=5.0, **bends)
-    return np.concatenate([np.repeat(still, STILL, axis=0), moved])
+    first = posture(1, arms_shoulder_abduction=5.0, **bends)
+    return np.concatenate([np.repeat(first, still, axis=0), moved])
 
 
 def one_arm(postures: np.ndarray) -> np.ndarray:

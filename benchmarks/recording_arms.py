@@ -18,7 +18,7 @@ shoulder's error is at most the half-angle and 1 deg, because the noise of the m
 ``judged.CLASS``: of takes on which nothing was tuned, in the worst bin; ``.half_deg`` is the mean
 half-angle of the worst bin, ``.covered`` that of all frames.
 ``posture.BIN.error_deg``, ``posture.BIN.scored``: of the postures, where the marker slides by 45 /
-35 mm after hanging arms, elbows at 90 deg.
+35 mm after 12 s of hanging arms, elbows at 90 deg; ``.below``: as above.
 ``real.FILE.SIDE``: real takes. Per bin of read elevation, the median length of the upper arm and
 from neck to shoulder; the figure is the range of these medians [mm]; ``.below``: as above.
 """
@@ -29,6 +29,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
+from unittest.mock import patch
 
 import numpy as np
 
@@ -63,6 +64,8 @@ RISE: Final = ((0.0, 0.0), (0.030, 0.010))
 TUNED: Final = [Slide(skin, rise) for skin in SKIN for rise in RISE]
 SLID: Final = [each for each in TUNED if each.skin[0]]
 """Those of which the classes that are judged are made."""
+LONG: Final = 720
+"""Frames of hanging arms by which the usual length of an upper arm is known well."""
 SAMPLE: Final = ("raised sideways", "forward, and out over the side", "around")
 """Movements of the smaller sample."""
 SIZE: Final = (0.28, 0.15)
@@ -214,20 +217,27 @@ def judged(report: Report) -> None:
 
 def postures(report: Report) -> None:
     """Print how postures are read, and how many are scored."""
-    errors: list[np.ndarray] = []
+    read_as("", report)
+    with patch("ergoqp.mocap.markers.joints._sliding", lambda *_: {}):
+        read_as(".below", report)
+
+
+def read_as(control: str, report: Report) -> None:
+    """Print the figures of `postures`, under the name of a control."""
+    found: list[np.ndarray] = []
     for name in report.pick(SAMPLE, tuple(SHOULDERS)):
-        truth = raised(name, 90.0, hang=True)
+        truth = raised(name, 90.0, hang=True, still=LONG)
         take = take_of(truth, Slide(SKIN[1]))
         read = fit_postures(take.names, take.places, RATE, neutral="vertical")
         pelvis = np.zeros((len(truth), 4))
         right, ours = (centres_of(BODY, pelvis, each) for each in (truth, read.postures))
         for i, side in enumerate(SIDES):
             off = _between(_arm(ours, side), _arm(right, side))
-            errors.append(np.stack([off, read.scored, take.elevation[:, i]]))
-    off, scored, elevation = np.concatenate(errors, axis=1)
+            found.append(np.stack([off, read.scored, take.elevation[:, i]]))
+    off, scored, elevation = np.concatenate(found, axis=1)
     for low, rows in bins({"elevation": elevation}):
-        report.figure(f"posture.{low}.error_deg", _rms(off[rows]))
-        report.figure(f"posture.{low}.scored", scored[rows].mean())
+        report.figure(f"posture.{low}.error_deg{control}", _rms(off[rows]))
+        report.figure(f"posture.{low}.scored{control}", scored[rows].mean())
 
 
 def pooled(
