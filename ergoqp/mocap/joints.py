@@ -183,6 +183,8 @@ class Found:
         upright: whether trunk and neck have their zero where they are straight, because the
             recording consists of joint angles.
         whole: the markers, if some are lost or left out for a while; else None.
+        doubts: ``right_upper_arm``, ``left_upper_arm`` -> half-angle by which its direction may be
+            off, because the acromion's marker slides (n,) [rad]; empty for joints.
     """
 
     motion: JointMotion
@@ -195,6 +197,7 @@ class Found:
     landmarks: Mapping[str, str] = field(default_factory=dict)
     upright: bool = False
     whole: JointMotion | None = None
+    doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -298,7 +301,7 @@ def _of_markers(
     sits = {i: name for name, which in (further | landmarks).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
     used = {motion.names[i]: name for i, name in sits.items()}
-    paths, how, astray = joints_of_markers(
+    paths, how, astray, doubts = joints_of_markers(
         motion, where, landmarks, further, shapes, size, progress
     )
     check_placed(tuple(paths), where)
@@ -313,6 +316,7 @@ def _of_markers(
         frames,
         used,
         whole=_lacking(replace(motion, unit=size), used, astray),
+        doubts=doubts,
     )
 
 
