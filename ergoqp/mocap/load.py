@@ -110,7 +110,7 @@ def recording_of(
     # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
-    upright, whole = found.upright, found.whole
+    upright, whole, arms = found.upright, found.whole, found.doubts
     del motion, found
     world = {}
     for name in list(paths):
@@ -134,13 +134,13 @@ def recording_of(
     if neutral is not None and reading.neutral is None and neutral.trunk:
         neutral = _possible(neutral, body, world, time)
     along: dict[str, np.ndarray] = {}
-    doubt = Doubt()
+    doubt = Doubt(arms=arms)
     if neutral is not None:
         assumptions.append(neutral.sentence)
         shift = shift_of(world, neutral.trunk) if neutral.trunk else None
         if shift is not None:
             along = {name: shift for name in markers if above_hips(landmarks[name])}
-        doubt = Doubt(neutral.nods, others=_otherwise(neutral, body, world, time))
+        doubt = Doubt(neutral.nods, arms, _otherwise(neutral, body, world, time))
         world = straightened(world, neutral.trunk, neutral.neck)
 
     world = _in_one_block(world)

@@ -134,14 +134,15 @@ def test_a_doubtful_arm_points_within_its_cone() -> None:
     off = np.full(COUNT, np.radians(5.0))
     observed = np.ones_like(postures, dtype=bool)
     low, high = (
-        np.degrees(each) for each in ends_of(postures, observed, doubt=Doubt(arms={"right": off}))
+        np.degrees(each)
+        for each in ends_of(postures, observed, doubt=Doubt(arms={"right_upper_arm": off}))
     )
     for joint, wide in (("shoulder_flexion", 7.8), ("shoulder_abduction", 5), ("elbow_flexion", 5)):
         place = INDEX[f"right_{joint}"]
         assert (high - low)[0, place] == pytest.approx(2 * wide, abs=0.1)
         assert (high - low)[0, INDEX[f"left_{joint}"]] == 0
     postures[:, INDEX["right_shoulder_abduction"]] = np.radians(90)
-    low, high = ends_of(postures, observed, doubt=Doubt(arms={"right": off}))
+    low, high = ends_of(postures, observed, doubt=Doubt(arms={"right_upper_arm": off}))
     flexion = INDEX["right_shoulder_flexion"]
     assert low[0, flexion] == pytest.approx(LOWER[flexion], abs=1e-6)
     assert high[0, flexion] == pytest.approx(UPPER[flexion], abs=1e-6)

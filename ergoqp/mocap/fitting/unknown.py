@@ -46,7 +46,8 @@ class Doubt:
 
     Attributes:
         neck: lowest and highest change of the neck's flexion [rad].
-        arms: side -> largest angle between the upper arm and the recorded one (n,) [rad].
+        arms: ``right_upper_arm``, ``left_upper_arm`` -> largest angle between the arm and the
+            recorded one (n,) [rad].
         others: other postures that the recording may show (n, 32) [rad].
     """
 
@@ -222,7 +223,8 @@ def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, Ends]:
     found, count = {}, len(postures)
     if doubt.neck[0] < doubt.neck[1]:
         found[INDEX["neck_flexion"]] = tuple(np.full(count, end) for end in doubt.neck)
-    for side, off in doubt.arms.items():
+    for arm, half in doubt.arms.items():
+        side, off = arm.partition("_")[0], half.astype(float)
         flexion, abduction, rotation, elbow = (
             INDEX[f"{side}_{joint}"]
             for joint in (
