@@ -213,6 +213,7 @@ class ReadOptions:
             straight, or ``"vertical"``.
         window: first and last time [s].
         completed: whether lost markers have been estimated already.
+        trust: what is right, whatever the body shows (see `ergoqp.load_recording`).
     """
 
     body: Body | None = None
@@ -225,6 +226,7 @@ class ReadOptions:
     neutral: float | str | JointMotion | None = None
     window: tuple[float, float] | None = None
     completed: bool = False
+    trust: frozenset[str] = frozenset()
 
 
 def joints_of(
@@ -249,7 +251,7 @@ def joints_of(
         from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
 
         place = placed_by_angles if own_angles(motion.angles) else posed
-        motion = place(motion, where, reading.body)
+        motion = place(motion, where, reading.body, reading.trust)
     naming, unit = reading.naming, reading.unit
     if reading.subject is not None or not _names_whom(naming, motion.names):
         motion = of_subject(motion, reading.subject, where)
@@ -282,7 +284,12 @@ def _of_markers(
 ) -> Found:
     """Return the joint centres of one person from markers, as `_landmarks` found them."""
     # A skeleton needs nothing of markers.
-    from ergoqp.mocap.markers.joints import joints_of_markers, off_origin, unit_of_markers
+    from ergoqp.mocap.markers.joints import (
+        in_order,
+        joints_of_markers,
+        off_origin,
+        unit_of_markers,
+    )
 
     landmarks, further, title = skin
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
@@ -298,6 +305,7 @@ def _of_markers(
     sits = {i: name for name, which in (further | landmarks).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
     used = {motion.names[i]: name for i, name in sits.items()}
+    motion = in_order(motion, where, landmarks, size, "names" in reading.trust)
     paths, how, astray = joints_of_markers(
         motion, where, landmarks, further, shapes, size, progress
     )

@@ -39,8 +39,9 @@ from ergoqp.mocap.assumptions import (
     unit_by_stature,
     windowed,
 )
-from ergoqp.mocap.fitting.axes import UPS, calibration_poses, check_sides, shift_of, straightened
+from ergoqp.mocap.fitting.axes import UPS, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
+from ergoqp.mocap.fitting.sides import check_sides
 from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
 from ergoqp.mocap.joints import ReadOptions as ReadOptions
@@ -114,7 +115,7 @@ def recording_of(
     assumptions.extend(said)
     # A nose that was assumed to point ahead of the trunk is no evidence.
     shown = {name: path for name, path in world.items() if name != "nose" or AHEAD not in found_out}
-    if unsure := check_sides(where, shown):
+    if unsure := check_sides(where, shown, trusted="sides" in reading.trust):
         assumptions.append(unsure)
     del shown
     posed = calibration_poses(world)
@@ -260,6 +261,8 @@ def _poses(pelvis: np.ndarray) -> np.ndarray:
     return poses
 
 
+TRUSTED: Final = ("names", "sides", "angles")
+"""What `load_recording` can be told to trust."""
 _READ: Final = 0.6
 """Share of the progress at which the file is read."""
 
@@ -277,6 +280,7 @@ def load_recording(
     thing: str | None = None,
     columns: Sequence[str] = (),
     rate: float | None = None,
+    trust: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Recording:
     """Read a motion-capture file and find the postures in it.
@@ -305,6 +309,10 @@ def load_recording(
         columns: names of the points of a table without names, three columns each.
         rate: frames per second of a table or of a folder of poses [Hz]; it is used instead of the
             file's own times.
+        trust: what is right although it looks impossible, of `TRUSTED`: ``"names"`` (markers are
+            where their names say), ``"sides"`` (left and right are as named), ``"angles"`` (unit
+            and sign of the file's own angles). Such a file is read, and a sentence says what
+            looked impossible.
         progress: is called with the share that is done.
 
     Returns:
@@ -330,7 +338,7 @@ def load_recording(
     path = path_of("recording", path)
     if isinstance(columns, str) or not all(isinstance(each, str) and each for each in columns):
         raise InputError(f"columns: got {shown(columns)}, allowed a list of names")
-    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate))
+    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate), _trusted(trust))
     reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     for what, name in (("subject", subject), ("thing", thing)):
         check_kind(what, name, (str, NoneType), "a name or None")
@@ -355,6 +363,7 @@ def fit_postures(
     up: str | None = "z",
     mapping: str | Path | None = None,
     neutral: float | str | Path | None = None,
+    trust: Sequence[str] = (),
 ) -> Recording:
     """Find the postures that belong to joint centres or markers in an array.
 
@@ -378,6 +387,7 @@ def fit_postures(
         up: the vertical axis as in `load_recording`; None finds it.
         mapping: as in `load_recording`.
         neutral: as in `load_recording`.
+        trust: as in `load_recording`.
 
     Raises:
         InputError: if an argument is invalid.
@@ -389,7 +399,8 @@ def fit_postures(
     motion = JointMotion(listed, places, np.arange(len(places)) / hertz)
     if wrong := lacking(motion):
         raise InputError(f"fit_postures: got {wrong}, allowed names (m,) and positions (n, m, 3)")
-    reading = _reading(person, unit_to_m, up, mapping, neutral, None, TableOptions())
+    asked = TableOptions(trust=_trusted(trust))
+    reading = _reading(person, unit_to_m, up, mapping, neutral, None, asked)
     return recording_of(normalised(motion), "positions", reading)
 
 
@@ -420,7 +431,15 @@ def _reading(
         naming=None if mapping is None else read_mapping(Path(mapping)),
         neutral=_neutral(neutral, asked),
         window=window,
+        trust=asked.trust,
     )
+
+
+def _trusted(trust: Sequence[str]) -> frozenset[str]:
+    listed = isinstance(trust, tuple | list) and all(isinstance(each, str) for each in trust)
+    if not listed or not set(trust) <= set(TRUSTED):
+        raise InputError(f"trust: got {shown(trust)}, allowed a list of {', '.join(TRUSTED)}")
+    return frozenset(trust)
 
 
 def _check_window(window: tuple[float, float]) -> None:

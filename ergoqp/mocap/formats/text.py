@@ -54,9 +54,10 @@ def short(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def some(names: tuple[str, ...] | list[str], most: int = 12) -> str:
+def some(names: tuple[str, ...] | list[str], most: int = 12, longest: int = 40) -> str:
     """Return a list of names in words, cut so that a sentence stays readable."""
-    shown = ", ".join(name if len(name) <= 40 else name[:37] + "..." for name in names[:most])
+    cut = (name if len(name) <= longest else name[: longest - 3] + "..." for name in names[:most])
+    shown = ", ".join(cut)
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
@@ -218,10 +219,12 @@ class TableOptions:
     Attributes:
         columns: names of the points of a table without names, three numbers each.
         rate: frames per second, used instead of times [Hz].
+        trust: what is right although it looks impossible (see `ergoqp.load_recording`).
     """
 
     columns: tuple[str, ...] = ()
     rate: float | None = None
+    trust: frozenset[str] = frozenset()
 
 
 ChosenColumn = tuple[int, Callable[[str], str] | None]

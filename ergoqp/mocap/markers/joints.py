@@ -22,7 +22,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
-from ergoqp.mocap.markers.fit import check_order
+from ergoqp.mocap.markers.fit import AS_STATED, check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
 from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
@@ -357,7 +357,7 @@ def joints_of_markers(
         progress: is called with the share of the frames that is done.
 
     Raises:
-        RecordingError: if the pelvis cannot be placed, or markers are in impossible places.
+        RecordingError: if the pelvis cannot be placed.
     """
     every = max(1, len(motion.time) // _SAMPLE)
     # If one marker of a wrist is never seen, the wrist is computed from the other one.
@@ -377,7 +377,6 @@ def joints_of_markers(
                 unplaced += f"; t{sentence[1:-1]}"
         raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
-    check_order(where, sample)
     links = Links(roots_of(sample, widths, size) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
     around = round(_ON_ITS_WAY / step)
@@ -410,6 +409,32 @@ def joints_of_markers(
     bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
     how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
     return centres, [*how, *astray_said(motion, astray), *said], astray
+
+
+def in_order(
+    motion: JointMotion,
+    where: str,
+    landmarks: Mapping[str, tuple[int, ...]],
+    unit: float,
+    trusted: bool,
+) -> JointMotion:
+    """Return markers that are where their names say; a note says if that is stated against them.
+
+    Args:
+        motion: the markers.
+        where: the recording's name, for messages.
+        landmarks: landmark -> indices of its markers.
+        unit: the file's unit of length [m].
+        trusted: whether the names are right, wherever the markers are.
+
+    Raises:
+        RecordingError: if markers are in impossible places and the names are not trusted.
+    """
+    every = max(1, len(motion.time) // _SAMPLE)
+    said = check_order(where, _at(landmarks, motion.positions[::every], unit), trusted=trusted)
+    # It is not repeated when lost markers have been estimated.
+    before = any(AS_STATED in note for note in motion.notes)
+    return motion if before else replace(motion, notes=(*motion.notes, *said))
 
 
 def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:
