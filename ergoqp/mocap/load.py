@@ -43,7 +43,8 @@ from ergoqp.mocap.fitting.axes import UPS, calibration_poses, shift_of, straight
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.sides import check_sides
 from ergoqp.mocap.fitting.validity import scored_frames, smoothed
-from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
+from ergoqp.mocap.formats.text import TableOptions, short
+from ergoqp.mocap.formats.times import FASTEST, RATES, SLOWEST
 from ergoqp.mocap.joints import ReadOptions as ReadOptions
 from ergoqp.mocap.joints import joints_of
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping

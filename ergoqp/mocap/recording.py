@@ -14,7 +14,8 @@ import numpy as np
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.mocap.fitting.validity import scored_frames
-from ergoqp.mocap.formats.text import count_of, count_repeated_frames, to_seconds
+from ergoqp.mocap.formats.text import count_of
+from ergoqp.mocap.formats.times import count_repeated_frames, to_seconds
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.files.atomic import write_text_atomic
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.mocap.formats.text import TableOptions, binary, count_repeated_frames, short
+from ergoqp.mocap.formats.text import TableOptions, binary, short
+from ergoqp.mocap.formats.times import count_repeated_frames
 from ergoqp.mocap.recording import JointMotion
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")

@@ -27,14 +27,8 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import (
-    TableOptions,
-    binary,
-    count_repeated_frames,
-    short,
-    some,
-    to_seconds,
-)
+from ergoqp.mocap.formats.text import TableOptions, binary, short, some
+from ergoqp.mocap.formats.times import count_repeated_frames, to_seconds
 from ergoqp.mocap.formats.trc import UNITS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion

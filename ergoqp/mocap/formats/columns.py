@@ -11,17 +11,8 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import (
-    GrowableArray,
-    TableOptions,
-    TextLines,
-    drop_duplicate_times,
-    is_number,
-    short,
-    some,
-    tick_of,
-    time_head,
-)
+from ergoqp.mocap.formats.text import GrowableArray, TableOptions, TextLines, is_number, short, some
+from ergoqp.mocap.formats.times import drop_duplicate_times, tick_of, time_head
 from ergoqp.mocap.naming import squashed
 
 _DAY: Final = 86_400.0

@@ -24,12 +24,11 @@ from ergoqp.mocap.formats.text import (
     count_of,
     is_number,
     points_of,
-    poses_of,
     read_rows,
     short,
     text_lines,
-    unit_turns,
 )
+from ergoqp.mocap.formats.turns import poses_of, unit_turns
 from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}

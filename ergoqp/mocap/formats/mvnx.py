@@ -28,8 +28,8 @@ from ergoqp.mocap.formats.text import (
     count_of,
     is_number,
     short,
-    unit_turns,
 )
+from ergoqp.mocap.formats.turns import unit_turns
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _AXES: Final = ("abduction", "rotation", "flexion")

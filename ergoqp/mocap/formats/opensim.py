@@ -43,8 +43,8 @@ from ergoqp.mocap.formats.text import (
     short,
     some,
     text_lines,
-    to_seconds,
 )
+from ergoqp.mocap.formats.times import to_seconds
 from ergoqp.mocap.naming import CENTRES, parted
 from ergoqp.mocap.recording import JointMotion, count_note
 

@@ -32,7 +32,6 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     TextLines,
     cells,
-    count_repeated_frames,
     is_nothing,
     is_number,
     points_of,
@@ -41,8 +40,8 @@ from ergoqp.mocap.formats.text import (
     short,
     some,
     text_lines,
-    uniform_times,
 )
+from ergoqp.mocap.formats.times import count_repeated_frames, uniform_times
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _HEADER_LINES: Final = 20

@@ -22,8 +22,8 @@ from ergoqp.mocap.formats.text import (
     separator_of,
     short,
     text_lines,
-    unit_by_rate,
 )
+from ergoqp.mocap.formats.times import unit_by_rate
 from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
 UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254} | {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import (
+from ergoqp.mocap.formats.times import (
     count_repeated_frames,
     time_head,
     to_seconds,
