@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
+from math import inf, nan
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
 from xml.etree import ElementTree
@@ -26,6 +27,7 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     binary,
     count_of,
+    is_nothing,
     is_number,
     short,
 )
@@ -149,9 +151,10 @@ class Wearer:
             try:
                 values = [float(word) for word in words]
             except ValueError:
-                values = []
-            if len(values) != width or "_" in text or not all(abs(v) <= LARGEST for v in values):
-                wrong = [word for word in words if not _is_read(word)]
+                values = [_number(word) for word in words]
+            # NaN is not seen.
+            if len(values) != width or "_" in text or any(abs(v) > LARGEST for v in values):
+                wrong = [word for word in words if abs(_number(word)) > LARGEST]
                 got = f"{short(wrong[0])} among " if wrong else ""
                 self.fail(
                     f"frame {short(index)}: got {got}{len(words)} words for {what}, allowed {width}"
@@ -171,12 +174,12 @@ class Wearer:
             array.add(part.astype(np.float32), share)
 
 
-def _is_read(word: str) -> bool:
-    """Return whether a word is a number that is not too large."""
+def _number(word: str) -> float:
+    """Return the number that a word stands for; infinity if it stands for none."""
     try:
-        return "_" not in word and abs(float(word)) <= LARGEST
+        return inf if "_" in word else float(word)
     except ValueError:
-        return False
+        return nan if is_nothing(word) else inf
 
 
 def lacking(path: Path) -> RecordingError:

@@ -44,9 +44,9 @@ from ergoqp.mocap.formats.text import (
     some,
     text_lines,
 )
-from ergoqp.mocap.formats.times import to_seconds
+from ergoqp.mocap.formats.times import are_alike, to_seconds
 from ergoqp.mocap.naming import CENTRES, parted
-from ergoqp.mocap.recording import JointMotion, count_note
+from ergoqp.mocap.recording import JointMotion, count_note, said_twice
 
 _HEAD: Final = 200
 """Largest number of rows above the numbers."""
@@ -65,7 +65,7 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
         asked: unused, because the file has times.
 
     Raises:
-        RecordingError: if it is not such a file, or a number is missing.
+        RecordingError: if it is not such a file.
     """
     with text_lines(path, progress) as lines:
         stated: dict[str, str] = {}
@@ -87,10 +87,6 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
             names.pop()
         if not names or names[0].lower() != "time":
             lines.fail(f"got the first column {short(names[0] if names else '')}, allowed time")
-        if "" in names:
-            lines.fail(f"got no name for column {names.index('') + 1}, allowed a name for each")
-        if len(set(names)) < len(names):
-            lines.fail("got a column twice, allowed each once")
         (values,) = read_rows(lines, separator, len(names), lambda rows: (rows,))
     time, kept, notes = to_seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     notes = count_note(stated.get("nrows", ""), len(values), "rows") + notes
@@ -99,17 +95,45 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
         degrees = "version" not in stated and path.suffix.lower() == ".mot"
         unit = "degrees, as in SIMM's files" if degrees else "radians"
         notes.append(f"The file does not state the unit of its angles: they are taken as {unit}.")
+    if lost := names.count(""):
+        notes.append(f"{lost} columns have no name and are left out.")
+    columns, again, twice = _columns(names, values)
+    if again:
+        notes.append(said_twice(again))
     angles = {
         name: values[kept, i] * (np.pi / 180 if degrees and not is_length(name) else 1.0)
-        for i, name in enumerate(names)
-        if i
+        for name, i in columns.items()
     }
-    if lost := [name for name, each in angles.items() if not np.isfinite(each).all()]:
-        raise RecordingError(
-            f"{path.name}: column {short(lost[0])} has blanks, allowed a number for each frame"
-        )
-    nowhere = np.empty((len(time), 0, 3))
-    return JointMotion((), nowhere, time, notes=tuple(notes), angles=angles, unit=1.0, up="y")
+    if blank := [name for name, each in angles.items() if not np.isfinite(each).all()]:
+        notes.append(f"Blanks are taken as not seen, in the columns {some(blank, 6)}.")
+    return JointMotion(
+        (),
+        np.empty((len(time), 0, 3)),
+        time,
+        notes=tuple(notes),
+        angles=angles,
+        unit=1.0,
+        up="y",
+        twice=twice,
+    )
+
+
+def _columns(
+    names: list[str], values: np.ndarray
+) -> tuple[dict[str, int], list[str], tuple[str, ...]]:
+    """Return name -> first column (without the times), the repeated names, and those that differ.
+
+    Args:
+        names: names of the columns; an empty one belongs to no name.
+        values: the numbers (n, columns).
+    """
+    first: dict[str, int] = {}
+    again: dict[str, bool] = {}
+    for i, name in enumerate(names[1:], 1):
+        if name and first.setdefault(name, i) != i:
+            same = bool(are_alike(values[:, [i]], values[:, [first[name]]]).all())
+            again[name] = again.get(name, True) and same
+    return first, list(again), tuple(name for name, same in again.items() if not same)
 
 
 def is_length(name: str) -> bool:
@@ -321,6 +345,9 @@ def posed(
         if (name := coordinate_of(path)) is not None
     }
     model = _model_of(angles, where)
+    wanted = {*_of_both_sides(model), *model.moved}
+    named = [path for path in motion.angles if (coordinate_of(path) or "").lower() in wanted]
+    motion.check_once(named, where)
     doubts = check_unit(model, angles, where, trusted="angles" in trust)
     person = body or Body()
     angles, bends = with_bent_hinges(angles, where, trusted="angles" in trust)

@@ -109,7 +109,9 @@ class _Table:
         }
         self._people = People()
         self._confidence = ConfidenceFilter(layout.confidence)
-        self._points = [c for columns in layout.points.values() for c in columns]
+        named = [*layout.points.items(), *layout.again]
+        self._names = tuple(name for name, _ in named)
+        self._points = [column for _, columns in named for column in columns]
         several = layout.whose is not None
         # Frame numbers identify the frames of several people, however coarse the times are.
         self._numbered = (
@@ -186,7 +188,7 @@ class _Table:
             whose: numbers of the people (n,), if there are any.
             notes: further sentences.
         """
-        layout, names = self._layout, tuple(self._layout.points)
+        layout, names = self._layout, self._names
         if layout.time is None:
             # The frames after the last one in which a point is seen are not counted.
             last = len(positions)
@@ -222,7 +224,7 @@ class _Table:
         if self._rate is None:
             assert keys is not None
             motion = JointMotion(names, positions, keys, notes=tuple(notes), unit=layout.unit)
-            return with_times(self._where, motion, layout.tick, remedy=_RATE)
+            return with_times(self._where, motion.once(), layout.tick, remedy=_RATE)
         time, said = uniform_times(self._where, len(positions), self._rate)
         if keys is not None and numbered:
             time = (keys - keys[0]) / self._rate
@@ -232,7 +234,7 @@ class _Table:
                 " per second are stated (rate)."
             )
         notes = [*said, *notes, *count_repeated_frames(positions)]
-        return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit)
+        return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit).once()
 
 
 def _read_header(lines: TextLines) -> tuple[list[str], str, int]:
