@@ -9,7 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ergoqp.mocap.naming import CENTRES, LANDMARKS, guessed, known_namings, read_mapping, template
+from ergoqp.mocap.name_words import guessed, template
+from ergoqp.mocap.naming import CENTRES, LANDMARKS, known_namings, read_mapping
 
 WANTED = (*CENTRES, *LANDMARKS)
 SIGNS = ("=", "'", "", " ", "[table]", "# comment", "C:\\hips", "tab\there", "\\u0041", 'R_Hip"\n')

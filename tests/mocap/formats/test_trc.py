@@ -132,8 +132,10 @@ BROKEN = {
     ),
     "cut in a row": (TRC[:-8], "line 9: got a row of 6 numbers, allowed 8: the file is cut"),
     "no markers": (TRC.replace("LASI", "").replace("R Knee", ""), "line 4: got no marker"),
-    "a nameless marker": (TRC.replace("LASI", ""), "line 4: got names that are not three columns"),
-    "a marker twice": (TRC.replace("R Knee", "LASI"), "line 4: got the marker 'LASI' twice"),
+    "names two columns apart": (
+        TRC.replace("LASI\t\t\t", "LASI\t\t"),
+        "line 4: got names that are not three columns apart",
+    ),
     "other first column": (TRC.replace("Frame#", "Number"), "line 4: got 'Number', allowed Frame#"),
     "a wide row": (TRC.replace("5.5\t6.5", "5.5\t6.5\t7"), "line 8: got a row of 9 numbers"),
     "a word": (TRC.replace("5.5", "five"), "line 8: got 'five', allowed a number"),
