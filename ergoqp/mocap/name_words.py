@@ -54,6 +54,18 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
     return {centre: best[centre][2] for centre in order if centre in best}
 
 
+def is_body_part(name: str) -> bool:
+    """Return whether the name of a thing is that of a part of the body.
+
+    >>> is_body_part("giver_Chest"), is_body_part("LeftHand 2"), is_body_part("hand drill")
+    (True, True, False)
+    """
+    known = data_of("name_words.toml")["body"]
+    words = [word.rstrip("0123456789") for word in _words(name)]
+    words = [word for word in words if word and word not in known["beside"]]
+    return bool(words) and words[-1] in known["parts"]
+
+
 def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
     """Return the text of a mapping file: a guess for each centre, or a line to be filled in.
 

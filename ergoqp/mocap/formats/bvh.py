@@ -36,6 +36,9 @@ _SHORTEST_FRAME = 1e-5  # seconds; nobody measures so often
 _LONGEST_FRAME = 10.0  # seconds; a longer frame time is a frame rate written in its place
 _BLOCK: Final = 4096  # rows that are converted to numbers at once
 _MOST_JOINTS: Final = 500  # a person with every finger and face bone has about 200
+_BODY: Final = 8  # joints that turn; a skeleton with fewer is no person
+_STILL: Final = 0.5  # a body that turns by less is still in radians and in degrees
+_WHOLE_TURN: Final = 2 * math.pi + 0.01
 _DEEPEST = 100  # nested joints; a person with all fingers has about ten
 
 
@@ -258,13 +261,13 @@ def read_bvh(
     Args:
         path: the file.
         progress: is called with the share of the file that is read.
-        asked: unused, because the file states its names and times.
+        asked: whether the rotations are trusted to be degrees.
 
     Returns:
         The centres of all joints of the file's skeleton.
 
     Raises:
-        RecordingError: if the file is not a complete BVH file.
+        RecordingError: if the file is not a complete BVH file, or its rotations look like radians.
     """
     with binary(path) as file:
         cursor = _Cursor(path, iter(()))
@@ -280,12 +283,16 @@ def read_bvh(
         most = min(stated, size // (2 * channels) + 1)
         # Single precision is finer than any measurement and halves the memory.
         positions = np.empty((most, len(joints), 3), dtype=np.float32)
-        lost = 0
+        lost, most = 0, 0.0
+        turned = [c.endswith("rotation") for joint in joints for c in joint.channels]
         for rows in _rows(cursor, channels, stated, stated_line):
             lost += int(np.isnan(rows).any(axis=1).sum())
+            most = float(np.fmax.reduce(np.abs(rows[:, turned]), axis=None, initial=most))
             positions[count : count + len(rows)] = _places(joints, rows)
             count += len(rows)
             progress(file.tell() / size)
+    if asked is None or "angles" not in asked.trust:
+        _check_degrees(path, joints, most)
     rest = _places([replace(joint, channels=()) for joint in joints], np.zeros((1, 0)))
     notes = [f"The frames are uniform in time, {frame_time:g} s apart, as the file states."]
     if lost:
@@ -301,6 +308,23 @@ def read_bvh(
         (*notes, *count_repeated_frames(positions[:count])),
     )
     return motion.once()
+
+
+def _check_degrees(path: Path, joints: Sequence[Joint], most: float) -> None:
+    """Raise if the rotations of a whole body look like radians.
+
+    Args:
+        path: the file.
+        joints: its joints.
+        most: the largest rotation in the file, in any direction.
+    """
+    turning = sum(any(c.endswith("rotation") for c in joint.channels) for joint in joints)
+    if turning >= _BODY and _STILL < most <= _WHOLE_TURN:
+        raise RecordingError(
+            f"{path.name}: no rotation exceeds {most:.3g}, allowed degrees: radians look like this,"
+            " and so does a body that hardly turns; multiply the rotations by 57.3, or state that"
+            " they are degrees (trust angles)"
+        )
 
 
 def _places(joints: Sequence[Joint], rows: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ from ergoqp.mocap.formats.text import (
     short,
     text_lines,
 )
-from ergoqp.mocap.formats.turns import poses_of, unit_turns
+from ergoqp.mocap.formats.turns import UnitTurns, poses_of
 from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
@@ -101,6 +101,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         oriented = [thing for thing in taken if thing.of("Rotation")]
         columns = [c for thing in taken for c in thing.of("Position") or ()]
         turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
+        turns = UnitTurns()
         numbered, positions, quaternions = read_rows(
             lines,
             ",",
@@ -108,7 +109,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
             lambda rows: (
                 rows[:, :2],
                 points_of(rows[:, columns]),
-                unit_turns(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
+                turns.of(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
             ),
         )
     total, found = count_of(stated.get("Total Exported Frames", "")), len(positions)
@@ -126,7 +127,10 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         (*points, *(thing.name for thing in again)),
         positions[:, : len(points) + len(again)],
         _times(numbered, stated),
-        notes=tuple(count_note(stated.get("Total Exported Frames", ""), found, "frames")),
+        notes=(
+            *count_note(stated.get("Total Exported Frames", ""), found, "frames"),
+            *turns.said(),
+        ),
         turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},
         objects=objects,
         markers=not bones and any(t.kind != "Rigid Body" for t in points.values()),

@@ -31,7 +31,7 @@ from ergoqp.mocap.formats.text import (
     is_number,
     short,
 )
-from ergoqp.mocap.formats.turns import unit_turns
+from ergoqp.mocap.formats.turns import UnitTurns
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _AXES: Final = ("abduction", "rotation", "flexion")
@@ -63,6 +63,7 @@ class Wearer:
         self._poses = 0  # calibration poses
         self._block: list[list[float]] = []
         # Positions, quaternions and joint angles.
+        self._turns = UnitTurns()
         self._arrays = [GrowableArray(), GrowableArray(), GrowableArray()]
 
     def fail(self, problem: str) -> NoReturn:
@@ -119,12 +120,15 @@ class Wearer:
             self._take(1.0)
         positions, quaternions, bent = (each.view for each in self._arrays)
         names = tuple(prefix + name for name in self.segments)
-        note = f"{self._poses} calibration poses (N-pose, T-pose) of the file are left out."
+        notes = self._turns.said()
+        if self._poses:
+            left = "calibration poses (N-pose, T-pose) of the file are left out."
+            notes = [f"{self._poses} {left}", *notes]
         return JointMotion(
             names,
             positions,
             np.array(self._indices) / self.rate,
-            notes=(f"{prefix} {note}".lstrip(),) if self._poses else (),
+            notes=tuple(f"{prefix} {note}".lstrip() for note in notes),
             turns={name: quaternions[:, i] for i, name in enumerate(names)},
             angles={
                 f"{prefix}{joint} {axis}": bent[:, 3 * i + j]
@@ -168,7 +172,7 @@ class Wearer:
         values, count = np.array(self._block), len(self.segments)
         self._block.clear()
         places, turns, angles = np.split(values, [3 * count, 7 * count], axis=1)
-        unit = unit_turns(turns.reshape(len(values), -1, 4)[:, :, [1, 2, 3, 0]])
+        unit = self._turns.of(turns.reshape(len(values), -1, 4)[:, :, [1, 2, 3, 0]])
         parts = (places.reshape(len(values), -1, 3), unit, np.radians(angles))
         for array, part in zip(self._arrays, parts, strict=True):
             array.add(part.astype(np.float32), share)

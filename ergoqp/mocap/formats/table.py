@@ -32,6 +32,7 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     TextLines,
     cells,
+    commas,
     is_nothing,
     is_number,
     points_of,
@@ -69,9 +70,11 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     with text_lines(path, progress) as lines:
         header, first, line = _read_header(lines)
         separator = separator_of(first, *reversed(header))
-        words = cells(first, separator)
+        words, named = cells(first, separator), [cells(row, separator) for row in header]
+        if header:
+            _check_width(lines, named, words, separator, line)
         layout = (
-            layout_from_header(lines, [cells(row, separator) for row in header], len(words))
+            layout_from_header(lines, named, len(words))
             if header
             else layout_without_header(lines, words, asked)
         )
@@ -94,6 +97,28 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
     return table.motion(*arrays, notes=notes)
+
+
+def _check_width(
+    lines: TextLines, header: list[list[str]], first: list[str], separator: str | None, line: int
+) -> None:
+    """Raise if a row of numbers is wider than the head, whose names would be of other columns.
+
+    Args:
+        lines: the file, for messages.
+        header: the rows above the numbers, in words.
+        first: the first row of numbers, in words.
+        separator: separator of the columns.
+        line: number of the line of that row.
+    """
+    width = max(map(len, header))
+    count = max((i for i, word in enumerate(first, 1) if word), default=0)
+    if count > width:
+        way = commas(separator, count, width) or "; name every column"
+        lines.fail(
+            f"got a row of {count} numbers below a head of {width} names, allowed as many{way}",
+            line,
+        )
 
 
 class _Table:

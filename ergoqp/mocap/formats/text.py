@@ -377,7 +377,9 @@ def _values(
         words.pop()
     count = len(words)
     if count > width or (separator is None and count < width):
-        lines.fail(f"got a row of {count} numbers, allowed {width}", line)
+        lines.fail(
+            f"got a row of {count} numbers, allowed {width}{commas(separator, count, width)}", line
+        )
     if count < width and line == lines.line and not lines.ends:
         lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
     words += [""] * (width - count)
@@ -394,6 +396,22 @@ def _values(
         except ValueError:
             pass  # words for blanks, quotes, or an error that is named below
     return [_number(lines, line, word.strip().strip('"').strip()) for word in words]
+
+
+def commas(separator: str | None, count: int, width: int) -> str:
+    """Return the end of a message if a row looks as if a comma were the decimal mark, too.
+
+    Args:
+        separator: separator of the columns.
+        count: numbers in the row.
+        width: columns that the head names.
+    """
+    if separator != "," or count < 2 * width - 2:
+        return ""
+    return (
+        ": a comma seems to be the decimal mark, too; export the table with decimal points, or with"
+        " semicolons between the columns"
+    )
 
 
 def _told(lines: TextLines, line: int, number: Callable[[str], str], word: str) -> str:

@@ -12,9 +12,24 @@ from ergoqp.errors import RecordingError
 
 _BLOCK: Final = 4000
 """Frames that are compared at once."""
-_UNITS: Final = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
+_UNITS: Final = {
+    1.0: "seconds",
+    1e-3: "milliseconds",
+    1e-6: "microseconds",
+    1e-9: "nanoseconds",
+    1e-7: "ticks of 100 nanoseconds",
+}
+"""Units of time [s], the usual ones first; .NET and Windows count in ticks."""
 _SHORTEST, _STAMPS_LONGEST = 0.9e-3, 0.7
-"""Limits of the median step between frames [s]: at most one unit gives a step between them."""
+"""Limits of the median step between frames [s]."""
+_PLAUSIBLE: Final = (9.0, 500.0)
+"""Usual numbers of frames per second [Hz]: of several units that fit, one with such a rate wins."""
+_SLOW: Final = 12.0
+"""Below this rate, another unit with a usual rate is mentioned [Hz]."""
+_CENTURY: Final = (946_684_800.0, 4_102_444_800.0)
+"""The years 2000 to 2100, counted from 1970 [s]."""
+_BEGINS: Final = {unit: (0.0,) for unit in _UNITS} | {1e-7: (11_644_473_600.0, 62_135_596_800.0)}
+"""Unit -> beginnings of its clocks, before 1970 [s]: ticks count from the year 1601 or 1."""
 SLOWEST, FASTEST = 0.01, 10_000.0
 """Limits of a stated rate [Hz]."""
 RATES: Final = f"frames per second from {SLOWEST:g} to {FASTEST:g}"
@@ -24,13 +39,15 @@ _ALIKE: Final = 0.1
 """Relative difference that times and a stated rate may have."""
 _OTHERS: Final = 0.02
 """Share of frames that may have the time of the frame before and other content, by mistake."""
-_UNIT: Final = r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds"
+_UNIT: Final = (
+    r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds|ticks"
+)
 _TIMES: Final = re.compile(
     r"[%#]?\s*(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
     rf"(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|[\s_.]+(?P<tail>{_UNIT}))?",
     re.IGNORECASE,
 )
-_SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
+_SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9, "t": 1e-7}
 """First letter of a unit of time -> the unit [s]; the mu is the Greek one that `casefold` gives."""
 
 
@@ -53,13 +70,22 @@ def to_seconds(
         remedy: what the user can do if they differ, for the message.
 
     Raises:
-        RecordingError: if a time is missing, time runs backwards, no unit fits, or many frames of
-            equal time differ.
+        RecordingError: if most times are missing, time runs backwards, no unit fits, or many
+            frames of equal time differ.
     """
     if not len(stamps):
         raise RecordingError(f"{where}: got no frame, allowed a recording with movement in it")
-    if len(lost := np.flatnonzero(~np.isfinite(stamps))):
-        raise RecordingError(f"{where}: frame {lost[0] + 1} has no time")
+    known = np.isfinite(stamps)
+    if not known.all():
+        if known.sum() < max(2, len(known) / 2):
+            raise RecordingError(f"{where}: frame {np.argmin(known) + 1} has no time")
+        time, left, notes = to_seconds(
+            where, stamps[known], unit, [values[known] for values in shown], remedy
+        )
+        kept = known.copy()
+        kept[known] = left
+        lost = f"{int((~known).sum())} of {len(known)} frames have no time and are left out."
+        return time, kept, [lost, *notes]
     time = stamps - stamps[0]
     steps = np.diff(time)
     if len(back := np.flatnonzero(steps < 0)):
@@ -71,18 +97,46 @@ def to_seconds(
     notes = []
     if unit is None:
         usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.01
-        fitting = [each for each in _UNITS if _SHORTEST <= each * usual < _STAMPS_LONGEST]
-        if not fitting:
-            raise RecordingError(
-                f"{where}: the frames are {usual:g} apart in time, allowed a thousandth to 0.7 of a"
-                " second in seconds, milliseconds, microseconds or nanoseconds"
-            )
-        unit = fitting[0]
-        if unit != 1.0:
-            notes.append(f"Times are taken as {_UNITS[unit]}.")
+        unit, notes = _unit_of(where, float(stamps[0]), usual)
     time = unit * time
     kept, said = drop_duplicate_times(where, time, shown, remedy)
     return time[kept], kept, [*said, *notes, _spacing(time[kept])]
+
+
+def _unit_of(where: str, first: float, usual: float) -> tuple[float, list[str]]:
+    """Return the unit of times [s], and a sentence if it is not seconds.
+
+    Args:
+        where: the file's name, for messages.
+        first: the first time.
+        usual: the median step.
+
+    Raises:
+        RecordingError: if no unit gives a rate of frames.
+    """
+    fitting = [each for each in _UNITS if _SHORTEST <= each * usual < _STAMPS_LONGEST]
+    if not fitting:
+        raise RecordingError(
+            f"{where}: the frames are {usual:g} apart in time, allowed a thousandth to 0.7 of a"
+            " second in seconds, milliseconds, microseconds, nanoseconds or ticks of 100 ns"
+        )
+    # A date shows the unit, whatever the step is.
+    low, high = _CENTURY
+    dated = [
+        each
+        for each in fitting
+        if any(low <= each * first - begin <= high for begin in _BEGINS[each])
+    ]
+    slowest, fastest = _PLAUSIBLE
+    likely = [each for each in fitting if slowest <= 1 / (each * usual) <= fastest]
+    unit, *others = dated[:1] or likely or fitting
+    if unit == 1.0:
+        return unit, []
+    said = f"Times are taken as {_UNITS[unit]}"
+    if others and 1 / (unit * usual) < _SLOW:
+        rates = (f"{1 / (each * usual):.3g} as {_UNITS[each]}" for each in others)
+        said += f", {1 / (unit * usual):.3g} frames per second (they would be {', '.join(rates)})"
+    return unit, [f"{said}."]
 
 
 def drop_duplicate_times(

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_files import MVNX, NEXUS, STORAGE, TABLE, TRC, read, write
+from small_files import MOTIVE, MVNX, NEXUS, STORAGE, TABLE, TRC, read, write
 
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.formats.bvh import read_bvh
+from ergoqp.mocap.formats.motive import read_motive
 from ergoqp.mocap.formats.mvnx import read_mvnx
 from ergoqp.mocap.formats.nexus import read_nexus
 from ergoqp.mocap.formats.opensim import read_storage
@@ -54,6 +55,19 @@ def test_in_a_table_and_in_files_of_markers(tmp_path: Path) -> None:
         motion = read(reader, write(tmp_path / "a.csv", text.replace("2.5", "NaN")))
         assert np.isnan(motion.positions[1, 0]).any()
         assert np.isfinite(motion.positions[[0, 2]]).all()
+
+
+def test_a_frame_without_a_time_is_left_out(tmp_path: Path) -> None:
+    for reader, text in (
+        (read_table, TABLE.replace("0.1,", ",", 1)),
+        (read_trc, TRC.replace("2\t0.1", "2\t")),
+        (read_storage, STORAGE.replace("0.1\t", "\t")),
+        (read_motive, MOTIVE.replace("0.100000", "")),
+    ):
+        motion = read(reader, write(tmp_path / "a.mot", text))
+        assert motion.time == pytest.approx([0, 0.2])
+        assert "1 of 3 frames have no time and are left out." in motion.notes
+        assert all(np.isfinite(each).all() for each in motion.angles.values())
 
 
 def test_in_an_mvnx(tmp_path: Path) -> None:

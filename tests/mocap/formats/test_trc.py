@@ -139,7 +139,7 @@ BROKEN = {
     "other first column": (TRC.replace("Frame#", "Number"), "line 4: got 'Number', allowed Frame#"),
     "a wide row": (TRC.replace("5.5\t6.5", "5.5\t6.5\t7"), "line 8: got a row of 9 numbers"),
     "a word": (TRC.replace("5.5", "five"), "line 8: got 'five', allowed a number"),
-    "no time": (TRC.replace("2\t0.1", "2\t"), "frame 2 has no time"),
+    "no times": (TRC.replace("2\t0.1", "2\t").replace("3\t0.2", "3\t"), "frame 2 has no time"),
     "time back": (TRC.replace("2\t0.1", "2\t0.3"), "time runs backwards from frame 2 to 3"),
     "UTF-16": (TRC.encode("utf-16"), "line 1: got text in UTF-16"),
     "garbage": (bytes(range(256)), "line 1: got '.*', allowed PathFileType"),
