@@ -360,8 +360,8 @@ def held_object(
     axes: np.ndarray,
     centres: Mapping[str, np.ndarray],
     assumptions: list[str],
-) -> np.ndarray | None:
-    """Return the poses (n, 4, 4) [m] of the stated object, or of the only one.
+) -> tuple[str, np.ndarray] | None:
+    """Return name and poses (n, 4, 4) [m] of the stated object, or of the only one.
 
     None if it is never seen, if it is not stated and far from the hands or named as a part of a
     body, or if there are several objects and none is stated.
@@ -419,7 +419,7 @@ def held_object(
     poses = objects[name].astype(float)
     poses[:, :3, 3] = poses[:, :3, 3] @ axes.T
     poses[:, :3, :3] = turn @ poses[:, :3, :3]
-    return poses
+    return name, poses
 
 
 def _from_hands(path: np.ndarray, centres: Mapping[str, np.ndarray]) -> float:

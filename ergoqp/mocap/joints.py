@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
@@ -30,7 +30,7 @@ from ergoqp.mocap.naming import (
     parted,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.mocap.unseen import oriented, shoulders_of
+from ergoqp.mocap.unseen import AHEAD, oriented, shoulders_of
 
 if TYPE_CHECKING:
     from ergoqp.mocap.markers.joints import Astray
@@ -186,6 +186,7 @@ class Found:
         upright: whether trunk and neck have their zero where they are straight, because the
             recording consists of joint angles.
         whole: the markers, if some are lost or left out for a while; else None.
+        read: name in the file -> what it is used as; empty if it is not used.
     """
 
     motion: JointMotion
@@ -198,6 +199,7 @@ class Found:
     landmarks: Mapping[str, str] = field(default_factory=dict)
     upright: bool = False
     whole: JointMotion | None = None
+    read: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -249,6 +251,7 @@ def joints_of(
         InputError: if there is no such subject.
     """
     ready = bool(motion.angles) and not motion.names
+    everything = dict.fromkeys(motion.names, "")
     if ready:
         # Only ready angles need it.
         from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
@@ -273,11 +276,73 @@ def joints_of(
         if unit is None and motion.unit is not None:
             said += (f"The unit of length is {motion.unit:g} m, as the file says.",)
         own = {motion.names[i] for which in found.values() for i in which}
+        uses = _uses(motion, found)
+        if AHEAD in turned:
+            head = motion.names[found["head"][0]]
+            uses[motion.in_file.get(head, head)] += " (the nose is guessed from its orientation)"
+        read = {**everything, **({} if ready else uses), **motion.columns}
+        names = motion.columns if ready else _own(motion, uses)
+        said += _unread(names, "columns" if ready else "joints")
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
-            _emptied(motion, things), paths, rest, unit or motion.unit, said, upright=ready
+            _emptied(motion, things),
+            paths,
+            rest,
+            unit or motion.unit,
+            said,
+            upright=ready,
+            read=read,
         )
-    return _of_markers(motion, where, skin, reading, progress)
+    found = _of_markers(motion, where, skin, reading, progress)
+    used = {**skin.further, **skin.landmarks}
+    uses = _uses(motion, used)
+    for name in skin.others:
+        uses[motion.in_file.get(name, name)] += " (guessed: a name of another marker set)"
+    said = (*found.said, *_unread(_own(motion, uses), "markers"))
+    return replace(found, said=said, read={**everything, **uses, **motion.columns})
+
+
+def _uses(motion: JointMotion, used: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
+    """Return name in the file -> what it is used as, for the used joints or markers.
+
+    Args:
+        motion: the person's joints or markers.
+        used: centre, landmark or segment -> indices of its joints or markers.
+    """
+    found: dict[str, list[str]] = {}
+    for thing, which in used.items():
+        for i in which:
+            name = motion.names[i]
+            found.setdefault(motion.in_file.get(name, name), []).append(thing)
+    return {name: ", ".join(things) for name, things in found.items()}
+
+
+def with_objects(
+    read: Mapping[str, str], objects: Iterable[str], held: str | None
+) -> dict[str, str]:
+    """Return what a file's names are used as, with its objects; the markers of one are its own.
+
+    Args:
+        read: name in the file -> what it is used as.
+        objects: names of the objects.
+        held: the object that is held; None: none is.
+    """
+    uses = {name: "object" if name == held else "" for name in objects}
+    of_objects = {name: uses[parted(name)[0]] for name in read if parted(name)[0] in uses}
+    return {**read, **of_objects, **uses}
+
+
+def _own(motion: JointMotion, uses: Mapping[str, str]) -> dict[str, str]:
+    """Return the person's joints or markers, without their prefix -> what they are used as."""
+    return {name: uses.get(motion.in_file.get(name, name), "") for name in motion.names}
+
+
+def _unread(uses: Mapping[str, str], what: str) -> tuple[str, ...]:
+    """Return a sentence about the names that are not read, if there are any."""
+    left = [name for name, use in uses.items() if not use]
+    if not left:
+        return ()
+    return (f"{len(uses) - len(left)} of {len(uses)} {what} are read; not read: {some(left)}.",)
 
 
 def _of_markers(
@@ -389,12 +454,14 @@ class _Skin:
         further: segment -> indices of its further markers.
         title: the marker set.
         said: sentences about the names.
+        others: markers that are named as in other sets.
     """
 
     landmarks: dict[str, tuple[int, ...]]
     further: dict[str, tuple[int, ...]]
     title: str
     said: tuple[str, ...]
+    others: tuple[str, ...] = ()
 
 
 def _landmarks(names: tuple[str, ...], mapping: Naming | None) -> _Skin | None:
@@ -421,7 +488,8 @@ def _landmarks(names: tuple[str, ...], mapping: Naming | None) -> _Skin | None:
         part: tuple(i for i in which if i not in taken) for part, which in skin.further.items()
     }
     said = (*skin.said, f"The {mapping.title} is added to them.", *mapping.missing_in(names))
-    return _Skin(marks, further, skin.title, said)
+    others = tuple(name for name in skin.others if names.index(name) not in taken)
+    return _Skin(marks, further, skin.title, said, others)
 
 
 def _of_set(names: tuple[str, ...], best: MarkerSet, found: Mapping[str, str]) -> _Skin:
@@ -433,11 +501,10 @@ def _of_set(names: tuple[str, ...], best: MarkerSet, found: Mapping[str, str]) -
         for segment, theirs in best.more_in(names).items()
     }
     said = [_named(best.title)]
-    if others := [name for mark, name in found.items() if mark not in own]:
+    if others := tuple(name for mark, name in found.items() if mark not in own):
         said.append(f"Named as in other sets: {some(others)}.")
-    return _Skin(
-        {mark: (place[name],) for mark, name in found.items()}, further, best.title, tuple(said)
-    )
+    marks = {mark: (place[name],) for mark, name in found.items()}
+    return _Skin(marks, further, best.title, tuple(said), others)
 
 
 def _named(title: str) -> str:

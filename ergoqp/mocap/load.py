@@ -46,7 +46,7 @@ from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import TableOptions, short
 from ergoqp.mocap.formats.times import FASTEST, RATES, SLOWEST
 from ergoqp.mocap.joints import ReadOptions as ReadOptions
-from ergoqp.mocap.joints import joints_of
+from ergoqp.mocap.joints import joints_of, with_objects
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
 from ergoqp.mocap.recording import JointMotion, Recording
@@ -98,6 +98,7 @@ def recording_of(
         )
     axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
     held = held_object(where, motion.objects, reading.thing, axes, centres, assumptions)
+    read = with_objects(found.read, motion.objects, None if held is None else held[0])
     markers = {name: path @ axes.T / unit for name, path in found.markers.items()}
     body, measured = reading.body, ()
     if body is None:
@@ -146,7 +147,7 @@ def recording_of(
         if more is not None:
             again = replace(reading, window=None, subject=None, completed=True)
             # Places on the body are those by the seen markers, including those left out.
-            return replace(recording_of(more, where, again, progress), markers=sits)
+            return replace(recording_of(more, where, again, progress), markers=sits, read=read)
     del whole, along
     if posed.any() and not posed.all():
         result = replace(result, not_scored={CALIBRATION: posed, **result.not_scored})
@@ -159,7 +160,7 @@ def recording_of(
         base_poses=_poses(result.pelvis),
         observed=result.observed,
         fit_error=result.error,
-        object_poses=held,
+        object_poses=None if held is None else held[1],
         assumptions=tuple(assumptions),
         person=body,
         errors=result.errors,
@@ -167,6 +168,7 @@ def recording_of(
         markers=sits,
         # From joint angles the centres have the lengths of the body that they were placed with.
         measured=() if upright else measured,
+        read=read,
     )
 
 

@@ -40,6 +40,8 @@ class JointMotion:
         up: the file's vertical axis, one of `ergoqp.mocap.fitting.axes.UPS`; None if the file
             does not state it.
         twice: names that the file has more than once with different content; the first is kept.
+        in_file: name -> its name in the file, where that is another.
+        columns: column of the file that is no point -> what it is used as; empty if not used.
 
     Example:
         >>> import numpy as np
@@ -62,6 +64,8 @@ class JointMotion:
     up: str | None = None
     measures: Mapping[str, float] = field(default_factory=dict)
     twice: tuple[str, ...] = ()
+    in_file: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> np.ndarray:
         """Return the path of one joint centre, shape (n, 3) [file unit].
@@ -98,6 +102,7 @@ class JointMotion:
             rest=None if self.rest is None else self.rest[places],
             turns={keep[name]: each for name, each in self.turns.items() if name in keep},
             twice=tuple(keep[name] for name in self.twice if name in keep),
+            in_file={new: self.in_file.get(name, name) for name, new in keep.items()},
         )
 
     def once(self) -> JointMotion:
@@ -207,6 +212,9 @@ class Recording:
         measured: segments of the person whose lengths are measured in the recording; the others
             follow from the stature. Empty if the person was stated, or if the recording consists of
             joint angles.
+        read: name of a joint, marker, object or column in the file -> what it was used as
+            (``"right_wrist"``, ``"right_asis"``, ``"object"``), with words that say so if that is
+            guessed; empty if it was not used.
 
     Example:
         >>> import numpy as np
@@ -232,6 +240,7 @@ class Recording:
     not_scored: Mapping[str, np.ndarray] = field(default_factory=dict)
     markers: Mapping[str, Marker] = field(default_factory=dict)
     measured: tuple[str, ...] = ()
+    read: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def scored(self) -> np.ndarray:

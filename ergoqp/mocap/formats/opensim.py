@@ -348,6 +348,10 @@ def posed(
     wanted = {*_of_both_sides(model), *model.moved}
     named = [path for path in motion.angles if (coordinate_of(path) or "").lower() in wanted]
     motion.check_once(named, where)
+    objects = _objects(model, angles)
+    of_objects = {name + end for name in objects for end in _POSE}
+    columns = dict.fromkeys(motion.angles, "") | dict.fromkeys(named, "joint angle")
+    columns |= {name: "object" for name in motion.angles if name.lower() in of_objects}
     doubts = check_unit(model, angles, where, trusted="angles" in trust)
     person = body or Body()
     angles, bends = with_bent_hinges(angles, where, trusted="angles" in trust)
@@ -374,9 +378,10 @@ def posed(
         positions=positions,
         rest=np.stack([upright[centre][0] for centre in upright]),
         notes=(*motion.notes, *notes),
-        objects={**motion.objects, **_objects(model, angles)},
+        objects={**motion.objects, **objects},
         unit=1.0,
         up="y",
+        columns=columns,
     )
 
 
@@ -575,4 +580,8 @@ def placed_by_angles(
         objects={},
         unit=1.0,
         up="z",
+        columns={
+            **dict.fromkeys(motion.angles, ""),
+            **{name: joint for joint, name in own_angles(motion.angles).items()},
+        },
     )

@@ -9,6 +9,7 @@ states the person.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -96,7 +97,7 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     notes = table.unread()
     if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
-    return table.motion(*arrays, notes=notes)
+    return replace(table.motion(*arrays, notes=notes), columns=table.columns())
 
 
 def _check_width(
@@ -175,6 +176,24 @@ class _Table:
         if layout.whose is not None:
             columns.append((layout.whose, self._people))
         return columns
+
+    def columns(self) -> dict[str, str]:
+        """Return the column of the table that is no coordinate -> what it is used as."""
+        layout = self._layout
+        used = {each.column: "confidence" for each in layout.confidence}
+        used |= {
+            column: what
+            for column, what in (
+                (layout.time if self._rate is None else None, "time"),
+                (self._fine, "time"),
+                (layout.frame if self._numbered else None, "frame"),
+                (layout.whose, "person"),
+            )
+            if column is not None
+        }
+        points = set(self._points)
+        every = range(min(layout.width, len(layout.names)))
+        return {layout.names[i]: used.get(i, "") for i in every if i not in points}
 
     def unread(self) -> list[str]:
         """Return a sentence with the columns that are not read although a user may expect it."""
