@@ -62,7 +62,8 @@ from ergoqp import reba
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.mocap.assumptions import measured_lengths, suggested_stature
-from ergoqp.mocap.fitting.axes import axes_of, find_unit, find_up, leans
+from ergoqp.mocap.fitting.axes import axes_of, find_unit, find_up
+from ergoqp.mocap.fitting.neutral import leans
 from ergoqp.mocap.joints import ReadOptions, joints_of
 from ergoqp.mocap.load import CALIBRATION
 from ergoqp.mocap.naming import centres_of

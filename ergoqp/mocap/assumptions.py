@@ -14,20 +14,23 @@ from ergoqp.human import FRACTIONS, Body
 from ergoqp.human.body import believable
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
 from ergoqp.mocap.fitting.axes import (
-    Neutral,
     axes_of,
     find_unit,
     find_up,
-    first_middle,
     leg_of,
-    neutral_of,
-    stands_straight,
-    stated_neutral,
     tilt_of,
     upright_line,
 )
+from ergoqp.mocap.fitting.neutral import (
+    Neutral,
+    first_middle,
+    neutral_of,
+    stands_straight,
+    stated_neutral,
+)
 from ergoqp.mocap.fitting.posture import Fit
-from ergoqp.mocap.fitting.validity import BRIDGED, NEEDED, scored_frames
+from ergoqp.mocap.fitting.unknown import NEAR
+from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.joints import ReadOptions, joints_of
 from ergoqp.mocap.name_words import is_body_part
@@ -298,8 +301,19 @@ def straight_of(
     axes: np.ndarray,
     time: np.ndarray,
     reading: ReadOptions,
+    skin: bool,
 ) -> Neutral | None:
-    """Return the lean of the skeleton of a person who stands straight; None for no lean."""
+    """Return the lean of the skeleton of a person who stands straight; None for no lean.
+
+    Args:
+        where: the recording's name, for messages.
+        world: centre -> positions (n, 3) [m], along our axes.
+        rest: centre -> position (3,) in the rest pose, the same; empty if there is none.
+        axes: from the file's unit and axes to ours (3, 3).
+        time: times of the frames (n,) [s].
+        reading: options for reading the recording.
+        skin: whether the centres are those of markers on the skin.
+    """
     stated = reading.neutral
     if stated == "vertical":
         return None
@@ -317,7 +331,7 @@ def straight_of(
             )
         frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
         return stated_neutral(world, frame, f"at {stated:g} s, as stated")
-    return neutral_of(world, rest, time)
+    return neutral_of(world, rest, time, skin)
 
 
 def measured_body(
@@ -457,13 +471,21 @@ def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) ->
     if causes := result.not_scored:
         counted = ", ".join(f"{cause} {int(frames.sum())}" for cause, frames in causes.items())
         yield f"{int((~scored).sum())} of {len(scored)} frames are not scored: {counted}."
-    needed = [INDEX[joint] for _, joint, *_ in NEEDED if result.observed[:, INDEX[joint]].any()]
-    if count := int((~result.observed[:, needed].all(axis=1) & scored).sum()):
+    if doubts := result.doubts:
+        some_wrong = np.logical_or.reduce(list(doubts.values()))
+        counted = some([f"{cause} {int(frames.sum())}" for cause, frames in doubts.items()])
         yield (
-            f"In {count} frames a joint is lost for less than {BRIDGED:g} s: it is interpolated"
-            " from the frames around."
+            f"In {int(some_wrong.sum())} of {len(scored)} frames a part of the body cannot be right"
+            f" and is taken as not seen: {counted}."
         )
-    yield from _unobserved(np.any(result.observed, axis=0))
+    ever = result.observed.any(axis=0)
+    if count := int((~result.observed[:, ever].all(axis=1) & scored).sum()):
+        yield (
+            f"In {count} frames a joint is not seen that is seen at other times: up to {NEAR:g} s"
+            " from these its angle is within what it moves in that time, later anywhere in its"
+            " range."
+        )
+    yield from _unobserved(ever)
 
 
 def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> Iterator[str]:
@@ -486,11 +508,10 @@ def _unobserved(told: np.ndarray) -> Iterator[str]:
     """Yield sentences about joints that no centre determines, and what follows for the score."""
     never = [spoken(JOINTS[i]) for i in np.flatnonzero(~told)]
     if never:
-        yield f"Not determined by the recording and set to zero: {', '.join(never)}."
-    arms = [side for side in SIDES if told[INDEX[f"{side}_shoulder_flexion"]]]
-    if len(arms) == 1:
-        lost = next(side for side in SIDES if side not in arms)
-        yield f"The {lost} arm is not seen and is scored as hanging, so only the other arm counts."
+        yield (
+            f"Never seen, and anywhere in their ranges: {', '.join(never)}. The lowest and the"
+            " highest score include that; the likeliest posture has them at zero."
+        )
     if any(
         told[INDEX[f"{side}_wrist_flexion"]] and not told[INDEX[f"{side}_forearm_pronation"]]
         for side in SIDES

@@ -27,7 +27,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
-from ergoqp.joints import spoken
+from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -39,9 +39,11 @@ from ergoqp.mocap.assumptions import (
     unit_by_stature,
     windowed,
 )
-from ergoqp.mocap.fitting.axes import UPS, calibration_poses, shift_of, straightened
+from ergoqp.mocap.fitting.axes import UPS
+from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.sides import check_sides
+from ergoqp.mocap.fitting.unknown import Doubt
 from ergoqp.mocap.fitting.validity import scored_frames, smoothed
 from ergoqp.mocap.formats.text import TableOptions, short
 from ergoqp.mocap.formats.times import FASTEST, RATES, SLOWEST
@@ -60,6 +62,11 @@ _FARTHEST: Final = 1e9
 """Largest coordinate in any unit; the square of a much larger number would be infinite."""
 _EXACT: Final = 1e-3
 """Precision that the coordinates need [m]."""
+_TRIED: Final = 2000
+"""Frames from which it is found whether a correction is possible, about."""
+_ARMS_BEYOND: Final = tuple(f"{side} upper arm beyond its range" for side in SIDES)
+_SHARE_BEYOND: Final = 0.1
+"""Share of the frames in which arms may get beyond their ranges by a correction."""
 _FEW: Final = 20
 """If fewer frames than this are scored, the places of markers are computed from all frames."""
 
@@ -122,17 +129,25 @@ def recording_of(
     del shown
     posed = calibration_poses(world)
     straight = upright and reading.neutral is None
-    neutral = None if straight else straight_of(where, world, rest, axes, time, reading)
+    neutral = (
+        None
+        if straight
+        else straight_of(where, world, rest, axes, time, reading, skin=bool(markers))
+    )
+    if neutral is not None and reading.neutral is None and neutral.trunk:
+        neutral = _possible(neutral, body, world, time)
     along: dict[str, np.ndarray] = {}
+    doubt = Doubt()
     if neutral is not None:
         assumptions.append(neutral.sentence)
         shift = shift_of(world, neutral.trunk) if neutral.trunk else None
         if shift is not None:
             along = {name: shift for name in markers if above_hips(landmarks[name])}
+        doubt = Doubt(neutral.nods, others=_otherwise(neutral, body, world, time))
         world = straightened(world, neutral.trunk, neutral.neck)
 
     world = _in_one_block(world)
-    result = fit(body, world, time, part_of(progress, _FOUND, 1.0))
+    result = fit(body, world, time, part_of(progress, _FOUND, 1.0), doubt)
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
@@ -165,10 +180,38 @@ def recording_of(
         person=body,
         errors=result.errors,
         not_scored=result.not_scored,
+        doubts=result.doubts,
+        spans=result.spans,
         markers=sits,
         # From joint angles the centres have the lengths of the body that they were placed with.
         measured=() if upright else measured,
         read=read,
+    )
+
+
+def _possible(
+    neutral: Neutral, body: Body, world: Mapping[str, np.ndarray], time: np.ndarray
+) -> Neutral:
+    """Return a lean, without that of the trunk if its correction makes arms impossible."""
+    every = max(1, len(time) // _TRIED)
+    tried = {name: path[::every] for name, path in world.items()}
+    frames = []
+    for places in (tried, straightened(tried, neutral.trunk, neutral.neck)):
+        doubts = fit(body, places, time[::every]).doubts
+        frames.append(sum(int(doubts[arm].sum()) for arm in _ARMS_BEYOND if arm in doubts))
+    plain, corrected = frames
+    return (
+        neutral.uncorrected if corrected > plain + _SHARE_BEYOND * len(time[::every]) else neutral
+    )
+
+
+def _otherwise(
+    neutral: Neutral, body: Body, world: Mapping[str, np.ndarray], time: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the postures (n, 32) [rad] of the other leans that the trunk may have."""
+    return tuple(
+        fit(body, straightened(world, lean, neutral.neck), time).postures
+        for lean in sorted({*neutral.trunk_ends} - {neutral.trunk})
     )
 
 
@@ -226,17 +269,18 @@ def _calibrated(
     markers: Mapping[str, np.ndarray],
     landmarks: Mapping[str, str],
 ) -> dict[str, Marker]:
-    """Return the places of markers on the body, from the scored frames if there are enough."""
+    """Return the places of markers on the body, from frames that are seen if there are enough."""
     if not markers:
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    shown = scored_frames(len(result.pelvis), result.not_scored)[frames]
+    seen = result.observed[:, result.observed.any(axis=0)].all(axis=1)
+    shown = (seen & scored_frames(len(seen), result.not_scored))[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]
-    seen = {name: path[shown] for name, path in markers.items()}
-    return markers_on(body, result.pelvis[rows], result.postures[rows], seen, landmarks)
+    seen_at = {name: path[shown] for name, path in markers.items()}
+    return markers_on(body, result.pelvis[rows], result.postures[rows], seen_at, landmarks)
 
 
 def _in_one_block(paths: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -304,7 +348,7 @@ def load_recording(
         neutral: where the person stands straight: a time in the recording [s], or the path of
             another recording of the same skeleton; ``"vertical"`` measures the trunk to the
             vertical, whatever the skeleton is like; None finds it by the rule of
-            `ergoqp.mocap.fitting.axes`.
+            `ergoqp.mocap.fitting.neutral`.
         window: first and last time to read [s]; None: all.
         subject: the person whose posture is read, where there are several: the prefix of the names
             of their joints.

@@ -14,6 +14,7 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
+from ergoqp.mocap.fitting.unknown import Spans, with_spans
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import count_of, short, some
 from ergoqp.mocap.formats.times import are_alike, count_repeated_frames, to_seconds
@@ -196,8 +197,8 @@ class Recording:
         base_poses: pose of the pelvis in the world, upright (position and heading only), x forward,
             y left, z up, shape (n, 4, 4) [m].
         observed: whether the recording determines this joint angle, shape (n, 32) bool; an angle
-            that it never determines is zero, and one that it does not determine for a while is
-            interpolated.
+            that it never determines is zero, and one that it does not determine for a while, or
+            of which it cannot be right (`doubts`), is interpolated.
         fit_error: root of the mean squared distance between the recording's joint centres and the
             fitted body's, over the centres that were mapped, shape (n,) [m]; NaN where nothing is
             seen.
@@ -206,8 +207,11 @@ class Recording:
         person: the body that was fitted.
         errors: joint centre -> distance between the fitted body's and the recording's, shape (n,)
             [m].
-        not_scored: cause (see `ergoqp.mocap.fitting.validity`) -> the frames that are not
-            scored because of it, shape (n,) bool.
+        not_scored: cause -> the frames that are not scored because of it, shape (n,) bool.
+        doubts: cause (see `ergoqp.mocap.fitting.validity`) -> the frames in which some of the
+            angles are not used because of it, shape (n,) bool.
+        spans: number of a joint -> the frames in which its angle is not known (k,), and its lower
+            and upper ends there (k,) [rad].
         markers: marker on the skin -> its place on the fitted body and its residual.
         measured: segments of the person whose lengths are measured in the recording; the others
             follow from the stature. Empty if the person was stated, or if the recording consists of
@@ -238,6 +242,8 @@ class Recording:
     person: Body
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     not_scored: Mapping[str, np.ndarray] = field(default_factory=dict)
+    doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    spans: Spans = field(default_factory=dict)
     markers: Mapping[str, Marker] = field(default_factory=dict)
     measured: tuple[str, ...] = ()
     read: Mapping[str, str] = field(default_factory=dict)
@@ -256,6 +262,19 @@ class Recording:
         postures = np.where(scored[:, None], self.postures, np.nan)
         postures.setflags(write=False)
         return postures
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lower ends of the joint angles, for `ergoqp.reba.assess` (n, 32) [rad].
+
+        They are the postures where these are known.
+        """
+        return with_spans(self.postures, self.spans, upper=False)
+
+    @property
+    def high(self) -> np.ndarray:
+        """Upper ends of the joint angles, the same (n, 32) [rad]."""
+        return with_spans(self.postures, self.spans, upper=True)
 
     def causes(self, frame: int) -> list[str]:
         """Return why a frame is not scored; an empty list if it is scored."""

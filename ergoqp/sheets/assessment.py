@@ -7,6 +7,7 @@ runs over a whole row of postures. All scores are int8.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, TypeGuard
@@ -16,32 +17,55 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
-from ergoqp.sheets.description import TIE, Segment, Sheet, StepFunction, by_elevation
+from ergoqp.sheets.description import (
+    TIE,
+    Segment,
+    Sheet,
+    StepFunction,
+    between_elevations,
+    by_elevation,
+)
 from ergoqp.sheets.options import Method, Task, sheet_of
 
 Scores8 = NDArray[np.int8]
 
 
-def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, side: str) -> Scores8:
+Read = Callable[[StepFunction, NDArray[np.float64]], Scores8]
+"""How a step function reads its joint: a value, or the lowest or highest between two."""
+
+
+def score_segment(
+    segment: Segment,
+    angles: NDArray[np.float64],
+    task: Task,
+    side: str,
+    read: Read = StepFunction.score,
+) -> Scores8:
     """Return a segment's score on one side.
+
+    No joint counts in two of its steps. So the lowest (highest) score of all postures between two
+    is that of the lowest (highest) value of each step.
 
     Args:
         segment: the segment.
-        angles: shape (32, n), one row per joint [rad].
+        angles: shape (32, n), one row per joint, or (2, 32, n) for the postures between two [rad].
         task: options of the n postures.
         side: ``"right"``, ``"left"`` or ``""``.
+        read: how a step reads its joint.
     """
+
+    def points_of(step: StepFunction, of: str) -> Scores8:
+        return read(step, angles[..., segment.joint(step, of), :])
+
     if segment.worse_side:
-        total = np.maximum(
-            *(segment.base.score(angles[segment.joint(segment.base, s)]) for s in SIDES)
-        )
+        total = np.maximum(*(points_of(segment.base, each) for each in SIDES))
     else:
-        total = segment.base.score(angles[segment.joint(segment.base, side)])
+        total = points_of(segment.base, side)
     if segment.skipped_by is not None:
         total = total * ~task.flag(segment.skipped_by, side)
     total += np.int8(segment.start)
     for modifier in segment.modifiers:
-        points = [step.score(angles[segment.joint(step, side)]) for step in modifier.conditions]
+        points = [points_of(step, side) for step in modifier.conditions]
         for one in points if modifier.additive else [np.bitwise_or.reduce(points)]:
             total += one
     for option in segment.options:
@@ -52,13 +76,15 @@ def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, sid
     return np.clip(total, 1, segment.highest, out=total)
 
 
-def score_segments(sheet: Sheet, angles: NDArray[np.float64], task: Task) -> dict[str, Scores8]:
+def score_segments(
+    sheet: Sheet, angles: NDArray[np.float64], task: Task, read: Read = StepFunction.score
+) -> dict[str, Scores8]:
     """Return the score of every segment by its label, ``"neck"`` ... ``"left_wrist"``.
 
     The arguments are those of :func:`score_segment`.
     """
     return {
-        segment.label(side): score_segment(segment, angles, task, side)
+        segment.label(side): score_segment(segment, angles, task, side, read)
         for segment, side in sheet.places
     }
 
@@ -148,6 +174,40 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
     return rows
 
 
+def read_ends(
+    postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayLike | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and upper ends of joint angles (n, 32) [rad].
+
+    Args:
+        postures: from `read_postures`.
+        low: shape (n, 32) or (32,) [rad]; NaN: the angle is unknown. None: the postures.
+        high: the same.
+
+    Raises:
+        InputError: if they are not such numbers, or a posture is not between them.
+    """
+    ends = []
+    for name, given, unknown in (("low", low, LOWER), ("high", high, UPPER)):
+        rows = postures if given is None else read_postures(given)
+        if rows.shape != postures.shape:
+            raise InputError(
+                f"{name}: got shape {rows.shape}, allowed: that of postures, {postures.shape}"
+            )
+        # A known angle may be beyond the range of its joint.
+        beyond = (np.fmin if name == "low" else np.fmax)(unknown, postures)
+        ends.append(np.where(np.isnan(rows), beyond, rows))
+    wrong = (ends[0] > ends[1] + TIE) | (postures < ends[0] - TIE) | (postures > ends[1] + TIE)
+    if wrong.any():
+        row, joint = (int(each[0]) for each in np.nonzero(wrong))
+        got = ", ".join(f"{each[row, joint]:g}" for each in (ends[0], postures, ends[1]))
+        raise InputError(
+            f"low, high: row {row}, {JOINTS[joint]}: got low, posture and high of {got} rad,"
+            " allowed: ascending"
+        )
+    return ends[0], ends[1]
+
+
 def _is_final(postures: ArrayLike) -> TypeGuard[NDArray[np.float64]]:
     """Return whether this is an array of numbers that owns its data and cannot be written to."""
     return (
@@ -228,6 +288,38 @@ def explain_segment(
     return "; ".join(parts).replace("_", " ")
 
 
+def explain_span(
+    segment: Segment, ends: NDArray[np.float64], side: str, low: int, high: int
+) -> str:
+    """Return a sentence that explains the lowest and the highest score of a segment.
+
+    An example is ``"legs 1 to 3: right knee flexion not known"``.
+
+    Args:
+        segment: the segment.
+        ends: lower and upper ends of the joint angles (2, 32) [rad].
+        side: ``"right"``, ``"left"`` or ``""``.
+        low: lowest score.
+        high: highest score.
+    """
+    causes = {}
+    for step in segment.steps:
+        for each in SIDES if segment.worse_side and step is segment.base else (side,):
+            joint = segment.joint(step, each)
+            least, most = (int(end(ends[:, joint])) for end in (step.lowest, step.highest))
+            if least < most:
+                causes[joint] = f"{spoken(JOINTS[joint])} {_known_to(ends[:, joint], joint)}"
+    return f"{segment.label(side)} {low} to {high}: {', '.join(causes.values())}".replace("_", " ")
+
+
+def _known_to(ends: NDArray[np.float64], joint: int) -> str:
+    """Return in words what is known of an angle between two ends (2,) [rad]."""
+    if ends[0] <= LOWER[joint] + TIE and ends[1] >= UPPER[joint] - TIE:
+        return "not known"
+    low, high = np.degrees(ends)
+    return f"{low:.0f} to {high:.0f} deg"
+
+
 def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
     def score(side: str) -> int:
         return segment.base.scores[
@@ -280,13 +372,27 @@ _BLOCK: Final = 2048
 
 
 @dataclass(frozen=True, eq=False)
+class _Scored:
+    """Scores of n postures: final (n,), of each segment, and of table B for each arm."""
+
+    final: NDArray[np.int64]
+    segments: dict[str, Scores8]
+    table_b: dict[str, Scores8]
+
+
+@dataclass(frozen=True, eq=False)
 class Assessment:
     """REBA scores of n postures. An invalid posture (NaN) has 0 everywhere and level -1.
 
     Attributes:
         postures: the postures, shape (n, 32) [rad], read-only.
+        low: lower ends of the joint angles, shape (n, 32) [rad]; the postures if none are given.
+        high: upper ends, the same.
         method: how the sheet was read.
         final: REBA score (n,), 1 to 15, and 0 when invalid; int [points].
+        final_low: lowest score of all postures between `low` and `high` (n,); int [points]. It is
+            given for an invalid posture, too, if there are such ends.
+        final_high: highest score of them (n,); int [points].
         valid: whether a posture could be scored; shape (n,), bool.
 
     Example:
@@ -300,12 +406,17 @@ class Assessment:
     """
 
     postures: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
     method: Method
     final: NDArray[np.int64]
+    final_low: NDArray[np.int64]
+    final_high: NDArray[np.int64]
     valid: NDArray[np.bool_]
     _task: Task
-    _scored: dict[str, Scores8]
-    _table_b: dict[str, Scores8]
+    _best: _Scored
+    _lowest: _Scored
+    _highest: _Scored
 
     @cached_property
     def outside(self) -> NDArray[np.bool_]:
@@ -331,16 +442,47 @@ class Assessment:
 
         The arm segments without a side are those that enter the final score.
         """
-        found = {
-            name: np.where(self.valid, scores, 0).astype(np.int64)
-            for name, scores in self._scored.items()
-        }
+        found = self._of_body(self._best)
         for segment in self._sheet.of_table("B"):
             right, left = (found[segment.label(side)] for side in SIDES)
             whole = self.method.arms == "whole"
             found[segment.name] = (
                 np.where(self._left_is_worse, left, right) if whole else np.maximum(right, left)
             )
+        return found
+
+    @cached_property
+    def segments_low(self) -> dict[str, NDArray[np.int64]]:
+        """Lowest score (n,) of each segment, with the keys of `segments`.
+
+        The arm segments without a side are those of an arm that can be the one that counts.
+        """
+        return self._of_arms(self._lowest, np.minimum)
+
+    @cached_property
+    def segments_high(self) -> dict[str, NDArray[np.int64]]:
+        """Highest score (n,) of each segment, the same."""
+        return self._of_arms(self._highest, np.maximum)
+
+    def _of_body(self, scored: _Scored) -> dict[str, NDArray[np.int64]]:
+        seen = scored.final > 0
+        return {
+            name: np.where(seen, scores, 0).astype(np.int64)
+            for name, scores in scored.segments.items()
+        }
+
+    def _of_arms(self, scored: _Scored, end: np.ufunc) -> dict[str, NDArray[np.int64]]:
+        found = self._of_body(scored)
+        low, high = self._lowest.table_b, self._highest.table_b
+        # Of two equal arms the right one counts.
+        right_counts, left_counts = high["right"] >= low["left"], high["left"] > low["right"]
+        for segment in self._sheet.of_table("B"):
+            right, left = (found[segment.label(side)] for side in SIDES)
+            if self.method.arms == "whole":
+                either = np.where(left_counts, end(right, left), right)
+                found[segment.name] = np.where(right_counts, either, left)
+            else:
+                found[segment.name] = np.maximum(right, left)
         return found
 
     def worst(self, time: ArrayLike | None = None) -> int:
@@ -392,6 +534,8 @@ class Assessment:
             missing = ", ".join(spoken(JOINTS[j]) for j in np.flatnonzero(np.isnan(posture)))
             return [f"not scored: no angle for {missing}"]
         sentences = [self._segment(segment, side, i) for segment, side in self._sheet.places]
+        if self.final_low[i] < self.final_high[i]:
+            sentences.append(f"REBA of the likeliest posture, of {self._span(i)} that it may be:")
         sentences += self._composition(i, task)
         for j in np.flatnonzero(self.outside[i]):
             low, high = np.degrees([LOWER[j], UPPER[j]])
@@ -422,7 +566,7 @@ class Assessment:
         return [
             self._segment(segment, side, i)
             for segment, side in self._sheet.places
-            if side in ("", *counts) and self._scored[segment.label(side)][i] > 1
+            if side in ("", *counts) and self._best.segments[segment.label(side)][i] > 1
         ] + [f"{name}: +{value}" for name, value in points.items() if value]
 
     def _index(self, i: int, what: str) -> int:
@@ -430,13 +574,23 @@ class Assessment:
             raise InputError(f"{what}: got posture {i}, allowed: 0 to {len(self.final) - 1}")
         return i % len(self.final)
 
+    def _span(self, i: int) -> str:
+        return f"{self.final_low[i]} to {self.final_high[i]}"
+
     def _segment(self, segment: Segment, side: str, i: int) -> str:
+        label = segment.label(side)
+        low, high = (int(each.segments[label][i]) for each in (self._lowest, self._highest))
+        if low < high:
+            ends = np.stack([self.low[i], self.high[i]])[:, :, None]
+            return explain_span(
+                segment, _as_read_between(self.method, ends)[..., 0], side, low, high
+            )
         return explain_segment(
             segment,
             _as_read(self.method, self.postures[i]),
             self._task.rows(i),
             side,
-            int(self._scored[segment.label(side)][i]),
+            int(self._best.segments[segment.label(side)][i]),
         )
 
     @property
@@ -445,7 +599,7 @@ class Assessment:
 
     @cached_property
     def _left_is_worse(self) -> NDArray[np.bool_]:
-        return self._table_b["left"] > self._table_b["right"]
+        return self._best.table_b["left"] > self._best.table_b["right"]
 
     def _composition(self, i: int, task: Task) -> list[str]:
         sheet = self._sheet
@@ -474,36 +628,86 @@ def _as_read(method: Method, angles: NDArray[np.float64]) -> NDArray[np.float64]
     return angles if method.upper_arm == "flexion" else by_elevation(angles)
 
 
-def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> Assessment:
+def _as_read_between(method: Method, ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the ends of joint angles (2, 32, n) [rad] as the method reads them."""
+    return ends if method.upper_arm == "flexion" else between_elevations(ends)
+
+
+def assess_rows(
+    postures: NDArray[np.float64],
+    method: Method,
+    task: Task,
+    ends: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+) -> Assessment:
     """Score checked postures block by block.
 
     Args:
         postures: shape (n, 32) [rad], from :func:`ergoqp.sheets.assessment.read_postures`.
         method: how the sheet is read.
         task: options of these postures.
+        ends: lower and upper ends of their angles, from `read_ends`; None: the postures.
 
     Raises:
         InputError: if an angle is beyond +-180 deg.
     """
     sheet, count = sheet_of(method), len(postures)
-    labels = [segment.label(side) for segment, side in sheet.places]
-    scored: dict[str, Scores8] = {name: np.empty(count, dtype=np.int8) for name in labels}
-    table_b: dict[str, Scores8] = {side: np.empty(count, dtype=np.int8) for side in SIDES}
-    final, valid = np.empty(count, dtype=np.int64), np.empty(count, dtype=bool)
+    valid = np.empty(count, dtype=bool)
+    best = _empty(sheet, count)
+    lowest, highest = (best, best) if ends is None else (_empty(sheet, count), _empty(sheet, count))
     for start in range(0, count, _BLOCK):
         rows = slice(start, min(start + _BLOCK, count))
-        angles = np.ascontiguousarray(postures[rows].T)
+        angles, options = np.ascontiguousarray(postures[rows].T), task.rows(rows)
         valid[rows] = check_angles(angles, start)
-        options = task.rows(rows)
-        block = score_segments(sheet, _as_read(method, angles), options)
-        arms = {side: score_side(sheet, block, side) for side in SIDES}
-        whole = method.arms == "whole"
-        worse = np.maximum(*arms.values()) if whole else score_worse_segments(sheet, block)
-        table_a = look_up(sheet, "A", *(block[name] for name in sheet.tables["A"].axes))
-        final[rows] = score_final(sheet, table_a, worse, options.points, method.final_max)
-        for name, scores in block.items():
-            scored[name][rows] = scores
-        for side, scores in arms.items():
-            table_b[side][rows] = scores
-    final *= valid
-    return Assessment(postures, method, final, valid, task, scored, table_b)
+        _score(sheet, method, options, _as_read(method, angles), StepFunction.score, best, rows)
+        if ends is not None:
+            both = np.stack([end[rows].T for end in ends])
+            for end in both:
+                check_angles(end, start)
+            both = _as_read_between(method, both)
+            _score(sheet, method, options, both, StepFunction.lowest, lowest, rows)
+            _score(sheet, method, options, both, StepFunction.highest, highest, rows)
+    best.final[:] *= valid
+    low, high = ends or (postures, postures)
+    finals = (each.final for each in (best, lowest, highest))
+    return Assessment(postures, low, high, method, *finals, valid, task, best, lowest, highest)
+
+
+def _empty(sheet: Sheet, count: int) -> _Scored:
+    labels = [segment.label(side) for segment, side in sheet.places]
+    return _Scored(
+        np.empty(count, dtype=np.int64),
+        {name: np.empty(count, dtype=np.int8) for name in labels},
+        {side: np.empty(count, dtype=np.int8) for side in SIDES},
+    )
+
+
+def _score(
+    sheet: Sheet,
+    method: Method,
+    task: Task,
+    angles: NDArray[np.float64],
+    read: Read,
+    into: _Scored,
+    rows: slice,
+) -> None:
+    """Write the scores of some rows; the cells of the tables are monotone along every axis.
+
+    Args:
+        sheet: the sheet.
+        method: how it is read.
+        task: options of the rows.
+        angles: as in `score_segment`.
+        read: as in `score_segment`.
+        into: the scores of all rows.
+        rows: the rows.
+    """
+    block = score_segments(sheet, angles, task, read)
+    arms = {side: score_side(sheet, block, side) for side in SIDES}
+    whole = method.arms == "whole"
+    worse = np.maximum(*arms.values()) if whole else score_worse_segments(sheet, block)
+    table_a = look_up(sheet, "A", *(block[name] for name in sheet.tables["A"].axes))
+    into.final[rows] = score_final(sheet, table_a, worse, task.points, method.final_max)
+    for name, scores in block.items():
+        into.segments[name][rows] = scores
+    for side, scores in arms.items():
+        into.table_b[side][rows] = scores

@@ -74,6 +74,30 @@ class StepFunction:
         """Return the number of the band that a value is in, 0 for the lowest."""
         return sum(value > threshold for threshold in self.rises_at)
 
+    def lowest(self, ends: NDArray[np.float64]) -> NDArray[np.int8]:
+        """Return the lowest score between two values.
+
+        Args:
+            ends: lower and upper value (2, ...), in the unit of the edges.
+        """
+        return self._between(np.minimum, ends)
+
+    def highest(self, ends: NDArray[np.float64]) -> NDArray[np.int8]:
+        """Return the highest score between two values; the argument is that of `lowest`."""
+        return self._between(np.maximum, ends)
+
+    def _between(self, worse: np.ufunc, ends: NDArray[np.float64]) -> NDArray[np.int8]:
+        count = len(self.scores)
+        # The scores are not monotone: between two of 2 there may be a 1.
+        best = np.tile(np.array(self.scores, dtype=np.int8), (count, 1))
+        for first in range(count):
+            best[first, first:] = worse.accumulate(best[first, first:])
+        first, last = (
+            np.sum([end > threshold for threshold in self.rises_at], axis=0, dtype=np.int16)
+            for end in ends
+        )
+        return np.take(best, first * np.int16(count) + last)
+
 
 @dataclass(frozen=True)
 class Modifier:
@@ -337,6 +361,50 @@ def by_elevation(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         read[flexion] = np.where(behind, -elevation, elevation)
         read[abduction] = aside
     return read
+
+
+def between_elevations(ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what `by_elevation` makes of all postures between two, as ends (2, 32, n) [rad].
+
+    No posture between is beyond these ends. Where an arm may point backward or not, they may be
+    wider than what can be reached.
+
+    Args:
+        ends: lower and upper joint angles (2, 32, n) [rad].
+    """
+    read = ends.copy()
+    for flexion, abduction in _ROWS:
+        bent, out = ends[:, flexion], ends[:, abduction]
+        swung, aside = (
+            _range_of(np.sin, bent, (-np.pi / 2, np.pi / 2)),
+            _range_of(np.sin, out, (-np.pi / 2, np.pi / 2)),
+        )
+        down, across = (_range_of(np.cos, each, (-np.pi, 0.0, np.pi)) for each in (bent, out))
+        height = np.arccos(np.clip(np.sort(_products(down, across), axis=0)[[-1, 0]], -1, 1))
+        # An arm points backward where sin f cos a < -|sin a|.
+        spread = np.sort(np.abs(aside), axis=0)
+        spread[0] = np.where((aside[0] < 0) & (aside[1] > 0), 0.0, spread[0])
+        forward = _products(swung, across)
+        backward = forward.min(axis=0) < -spread[0]
+        onward = forward.max(axis=0) >= -spread[1]
+        read[0, flexion] = np.where(backward, -height[1], height[0])
+        read[1, flexion] = np.where(onward, height[1], -height[0])
+        read[:, abduction] = np.arcsin(np.clip(aside, -1, 1))
+    return read
+
+
+def _range_of(
+    function: np.ufunc, ends: NDArray[np.float64], turns: tuple[float, ...]
+) -> NDArray[np.float64]:
+    """Return the lowest and highest value between ends (2, n), for a function that turns there."""
+    reached = [function(ends[0]), function(ends[1])]
+    reached += [function(np.clip(turn, *ends)) for turn in turns]
+    return np.stack([np.min(reached, axis=0), np.max(reached, axis=0)])
+
+
+def _products(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the products of each end of one range with each of another (4, n)."""
+    return np.stack([a * b for a in one for b in other])
 
 
 def _raised(

@@ -21,7 +21,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
-from ergoqp.sheets.assessment import Assessment, assess_rows, look_up, read_postures, score_final
+from ergoqp.sheets.assessment import (
+    Assessment,
+    assess_rows,
+    look_up,
+    read_ends,
+    read_postures,
+    score_final,
+)
 from ergoqp.sheets.options import Method, read_method, read_task, sheet_of, whole_numbers
 
 __all__ = ["ACTION_LEVELS", "Assessment", "Method", "Scores", "assess", "combine"]
@@ -155,12 +162,18 @@ def assess(
     one_leg: ArrayLike = False,
     arm_supported: tuple[ArrayLike, ArrayLike] = (False, False),
     shoulder_raised: tuple[ArrayLike, ArrayLike] = (False, False),
+    low: ArrayLike | None = None,
+    high: ArrayLike | None = None,
 ) -> Assessment:
     """Score postures by REBA.
 
     A finite angle beyond the range of its joint is scored by the outer band, and
     `Assessment.outside` shows it. A posture with NaN is invalid: its ``final`` is 0. The other
     postures are scored.
+
+    With ``low`` and ``high``, every posture also has the lowest and the highest score of all
+    postures between them (`Assessment.final_low`, `Assessment.final_high`). They are exact: each
+    segment's lowest and highest score, then the tables, which are monotone.
 
     Args:
         postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
@@ -178,10 +191,13 @@ def assess(
             not counted when seated.
         arm_supported: flags (right, left): the arm is supported or gravity assists it.
         shoulder_raised: flags (right, left): the shoulder is raised.
+        low: lower ends of angles that are not known exactly, with the shape of the postures [rad];
+            NaN: unknown, the range of the joint. None: the postures.
+        high: their upper ends, the same.
 
     Raises:
         InputError: if a shape is wrong, an angle is beyond +-180 deg (were degrees given as
-            radians?) or an option is out of range.
+            radians?), an angle is not between its ends, or an option is out of range.
 
     Source:
         S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
@@ -195,8 +211,15 @@ def assess(
         >>> assessment = reba.assess(posture, load_kg=6.0)
         >>> int(assessment.final[0]), int(assessment.segments["trunk"][0])
         (3, 4)
+        >>> low, high = posture.copy(), posture.copy()
+        >>> knees = [JOINTS.index(f"{side}_knee_flexion") for side in ("right", "left")]
+        >>> low[knees] = high[knees] = np.nan
+        >>> assessment = reba.assess(posture, load_kg=6.0, low=low, high=high)
+        >>> int(assessment.final_low[0]), int(assessment.final_high[0])
+        (3, 7)
     """
     rows = read_postures(postures)
+    ends = None if low is None and high is None else read_ends(rows, low, high)
     method = read_method(method)
     options = {
         "load_kg": load_kg,
@@ -208,4 +231,4 @@ def assess(
         "arm_supported": arm_supported,
         "shoulder_raised": shoulder_raised,
     }
-    return assess_rows(rows, method, read_task(sheet_of(method), len(rows), options))
+    return assess_rows(rows, method, read_task(sheet_of(method), len(rows), options), ends)

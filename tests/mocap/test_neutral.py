@@ -12,7 +12,7 @@ from ergoqp import reba
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.joints import INDEX
 from ergoqp.mocap import Recording, fit_postures, load_recording
-from ergoqp.mocap.fitting.axes import leans, neutral_of, stated_neutral, straightened, t_poses
+from ergoqp.mocap.fitting.neutral import leans, neutral_of, stated_neutral, straightened, t_poses
 from ergoqp.mocap.formats.bvh import write_bvh
 from ergoqp.mocap.naming import centres_of
 

@@ -30,7 +30,7 @@ those of the fitted body is the check.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -39,14 +39,17 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, pieces_of, spans_of
 from ergoqp.mocap.fitting.validity import (
     Usual,
     angle_between,
+    doubtful,
     filled,
-    not_followed,
-    not_seen,
+    placed_by_body,
+    rms,
     steady,
     usual_lengths,
+    without_trunk,
 )
 from ergoqp.mocap.naming import CENTRES, centres_of, placed
 
@@ -56,6 +59,10 @@ _IMPLAUSIBLE: Final = 10.0
 """Cost of an angle beyond that, per second [1/s]."""
 _LEAST: Final = 0.1
 """Smallest weight of a change of the flexion, even where the flexion is not determined."""
+_HANGS: Final = np.radians(60.0)
+"""Elevation of an arm below which it is never read by an abduction above 90 degrees [rad]."""
+_NEVER: Final = 1e6
+"""Cost of what cannot be."""
 _OVER: Final = 0.6
 """Cost of a start with an abduction above 90 degrees [rad]."""
 _GAP: Final = 0.5
@@ -112,7 +119,10 @@ def chosen(
     anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
     cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
     if begin is not None:
-        cost[0 if begin else 1, 0] = np.inf
+        cost[0 if begin else 1, 0] += _NEVER
+    # The second triple raises an arm over its side: it says nothing of one that hangs.
+    height = np.cos(both[0, :, 0]) * np.cos(both[0, :, 1])
+    cost[1] += np.where(height > np.cos(_HANGS), 2 * _NEVER, 0.0)
     weight = np.minimum(told[1:], told[:-1])
     weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
     # From each triple of a frame to each of the next one.
@@ -391,7 +401,7 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     hips = either((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
     shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
     neck = either(place["neck"], shoulders)
-    yaw = _unwrapped(_heading(place), time)
+    yaw = _unwrapped(_heading(place, time), time)
     pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
     upright = Rotation.from_euler("Z", yaw[:, None])
     trunk, trunk_told, axes = _segment(
@@ -423,12 +433,17 @@ def _segment(
     return angles | {f"{name}_twist": twist}, told, axes * Rotation.from_euler("Z", twist[:, None])
 
 
-def _heading(place: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the heading of the body (n,) [rad], from the best pair that is seen; NaN: none."""
-    yaw = np.full(len(place["neck"]), np.nan)
+def _heading(place: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return the heading of the body (n,) [rad]; NaN: unknown.
+
+    It is that of the best pair that is seen in the frame or near in time: limbs turn against the
+    body.
+    """
+    yaw = np.full(len(time), np.nan)
     for pair in _PAIRS:
         left = place[f"left_{pair}"] - place[f"right_{pair}"]
-        yaw = np.where(np.isfinite(yaw), yaw, np.arctan2(-left[:, 0], left[:, 1]))
+        far = away_from(np.isfinite(yaw), time) > NEAR
+        yaw = np.where(far, np.arctan2(-left[:, 0], left[:, 1]), yaw)
     return yaw
 
 
@@ -442,6 +457,14 @@ def _unwrapped(yaw: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 def _within_range(joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.clip(filled(angles, time), LOWER[INDEX[joint]], UPPER[INDEX[joint]])
+
+
+_SHOULDER: Final = ("flexion", "abduction", "rotation")
+
+
+def _between(angles: np.ndarray, seen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return angles (n,) [rad], interpolated where they are not seen."""
+    return filled(np.where(seen, angles, np.nan), time)
 
 
 _BLOCK: Final = 8192
@@ -459,39 +482,44 @@ class Fit:
         postures: joint angles within their ranges (n, 32) [rad].
         observed: which joint angles the recording determines (n, 32).
         errors: centre -> distance of the body's from the recording's (n,) [m]; NaN: not seen.
+        doubts: cause -> the frames in which some of the angles are not used because of it (n,)
+            bool.
         not_scored: cause -> the frames that are not scored because of it (n,) bool.
+        spans: ends of the angles that are not known at every moment.
     """
 
     pelvis: np.ndarray
     postures: np.ndarray
     observed: np.ndarray
     errors: dict[str, np.ndarray]
-    not_scored: dict[str, np.ndarray]
+    doubts: dict[str, np.ndarray]
+    not_scored: dict[str, np.ndarray] = field(default_factory=dict)
+    spans: Spans = field(default_factory=dict)
 
     @property
     def error(self) -> np.ndarray:
         """Root of the mean squared distance of the seen centres (n,) [m]; NaN: none is seen."""
-        total, count = np.zeros(len(self.pelvis)), np.zeros(len(self.pelvis))
-        for each in self.errors.values():
-            seen = np.isfinite(each)
-            total += np.where(seen, each, 0.0) ** 2
-            count += seen
-        return np.sqrt(total / np.where(count, count, np.nan))
+        return rms(self.errors, len(self.pelvis))
 
 
 def fit(
-    body: Body, places: Mapping[str, np.ndarray], time: np.ndarray, progress: Progress = unseen
+    body: Body,
+    places: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    progress: Progress = unseen,
+    doubt: Doubt | None = None,
 ) -> Fit:
     """Return the postures of a body whose joint centres are known.
 
-    An angle that is never determined is zero. One that is not determined for a while is
-    interpolated.
+    An angle that is never determined is zero. One that is not determined for a while, or of which
+    the recording cannot be right, is interpolated.
 
     Args:
         body: the person.
         places: centre -> positions (n, 3) [m], NaN where not seen.
         time: times of the frames (n,) [s], increasing.
         progress: is called with the share of the frames that is done.
+        doubt: how far the angles of the centres may be from those of the person.
     """
     count, usual = len(time), usual_lengths(places)
     whole = Fit(
@@ -522,13 +550,18 @@ def fit(
             getattr(whole, name)[rows] = getattr(part, name)[here]
         for centre, errors in part.errors.items():
             whole.errors[centre][rows] = errors[here]
-        for cause, frames in part.not_scored.items():
+        for cause, frames in part.doubts.items():
             if frames[here].any():
-                known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
+                known = whole.doubts.setdefault(cause, np.zeros(count, dtype=bool))
                 known[rows] = frames[here]
         progress(stop / count)
-    causes = whole.not_scored | not_seen(whole.observed, whole.postures, time)
-    return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
+    apart = pieces_of(places, time)
+    lost = without_trunk(whole.observed, apart)
+    return replace(
+        whole,
+        not_scored={"trunk not seen": lost} if lost.any() else {},
+        spans=spans_of(whole.postures, whole.observed, apart, doubt),
+    )
 
 
 def _fitted(
@@ -567,12 +600,23 @@ def _fitted(
             told |= {f"{side}_{joint}": each for joint, each in seen.items()}
     postures = np.stack([angles[joint] for joint in JOINTS], axis=1)
     observed = np.stack([told[joint] for joint in JOINTS], axis=1)
+    # An arm is measured from the trunk.
+    held = [INDEX[f"{side}_shoulder_{joint}"] for side in SIDES for joint in _SHOULDER]
+    lost = ~spine.told["trunk_flexion"]
+    if lost.any():
+        observed[np.ix_(lost, held)] = False
+        for joint in held:
+            postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)
     fitted = centres_of(body, spine.pelvis, postures)
     errors = {
         centre: np.linalg.norm(fitted[centre] - path, axis=1)
         for centre, path in places.items()
         if centre in fitted
     }
+    errors = placed_by_body(errors, observed)
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes = not_followed(places, fitted, found.error, usual, time)
-    return replace(found, not_scored=causes), second
+    causes, wrong = doubtful(places, fitted, errors, usual, time)
+    for joint in np.flatnonzero((wrong & observed).any(axis=0)):
+        observed[:, joint] &= ~wrong[:, joint]
+        postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)
+    return replace(found, doubts=causes), second

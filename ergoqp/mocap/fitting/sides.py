@@ -19,7 +19,7 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
-from ergoqp.mocap.fitting.axes import first_middle
+from ergoqp.mocap.fitting.neutral import first_middle
 from ergoqp.mocap.fitting.posture import every_centre
 
 _HIPS: Final = ("right_hip", "left_hip")

@@ -27,7 +27,7 @@ the recording, or a joint that is lost. Such frames are counted, with their caus
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -35,7 +35,8 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
-from ergoqp.joints import INDEX, SIDES, spoken
+from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
+from ergoqp.mocap.fitting.unknown import NEAR, away_from
 from ergoqp.mocap.formats.times import are_alike
 
 _NOISE: Final = np.radians(1.0) ** 2
@@ -334,43 +335,85 @@ _POOR: Final = 0.10
 """Largest distance between body and recording, RMS over the centres [m]."""
 _ASTRAY: Final = 0.20
 """Largest distance of one joint centre of the body from the recorded one [m]."""
-_MEANWHILE: Final = np.radians(12.0)
-"""Largest turn of a segment during a gap that is interpolated [rad]."""
+_ARM: Final = (
+    "shoulder_flexion",
+    "shoulder_abduction",
+    "shoulder_rotation",
+    "elbow_flexion",
+    "forearm_pronation",
+    "wrist_flexion",
+    "wrist_deviation",
+)
+_LEG: Final = (
+    "hip_flexion",
+    "hip_abduction",
+    "hip_rotation",
+    "knee_flexion",
+    "ankle_flexion",
+    "ankle_inversion",
+)
+_NECK: Final = ("neck_flexion", "neck_side_bend", "neck_twist")
+_TRUNK: Final = ("trunk_flexion", "trunk_side_bend", "trunk_twist")
 
+
+def _of(side: str, joints: Iterable[str]) -> tuple[str, ...]:
+    return tuple(f"{side}_{joint}" for joint in joints)
+
+
+_ABOVE: Final = (*_TRUNK, *_NECK, *(joint for side in SIDES for joint in _of(side, _ARM)))
+"""Joints whose angles depend on hips and neck: those of the trunk, and all that hang from it."""
+_FROM_SHOULDER: Final = {side: ("trunk_twist", *_of(side, _ARM[:4])) for side in SIDES}
 _DIRECTIONS: Final = (
-    ("trunk", "hips", "neck"),
-    ("neck", "neck", "skull"),
-    *((f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow") for side in SIDES),
-)
-"""Bones whose direction is scored."""
-_BENDS: Final = tuple(
-    (f"{side} {joint}", *(f"{side}_{centre}" for centre in (start, joint, end)))
-    for side in SIDES
-    for start, joint, end in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
-)
-"""Joints whose angle between two bones is scored."""
-_CENTRES: Final = (
-    "neck",
-    *(f"{side}_{name}" for side in SIDES for name in ("shoulder", "elbow", "wrist", "hip", "knee")),
-)
-"""Centres on which a scored angle depends."""
-NEEDED: Final = (
-    ("trunk", "trunk_flexion", "trunk_side_bend"),
-    ("neck", "neck_flexion", "neck_side_bend"),
+    ("trunk", "hips", "neck", _ABOVE),
+    ("neck", "neck", "skull", _NECK),
     *(
-        (f"{side} {part}", *(f"{side}_{joint}" for joint in joints))
+        (f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", _of(side, _ARM))
         for side in SIDES
-        for part, *joints in (
-            ("upper arm", "shoulder_flexion", "shoulder_abduction"),
-            ("forearm", "elbow_flexion"),
-            ("knee", "knee_flexion"),
-        )
     ),
 )
-"""Segments that a score needs if the recording ever determines them, and their joints.
-
-The first joint tells whether the segment is determined.
-"""
+"""Bones whose direction is scored, their ends, and the joints that depend on it."""
+_BENDS: Final = tuple(
+    (
+        f"{side} {joint}",
+        *(f"{side}_{centre}" for centre in (start, joint, end)),
+        _of(side, joints),
+    )
+    for side in SIDES
+    for start, joint, end, joints in (
+        ("shoulder", "elbow", "wrist", _ARM[2:]),
+        ("hip", "knee", "ankle", _LEG),
+    )
+)
+"""Joints whose angle between two bones is scored, its centres, and the joints that depend on it."""
+_CENTRES: Final = {
+    "neck": _ABOVE,
+    **{
+        f"{side}_{centre}": _of(side, joints)
+        for side in SIDES
+        for centres, joints in ((("shoulder", "elbow", "wrist"), _ARM), (("hip", "knee"), _LEG))
+        for centre in centres
+    },
+}
+"""Centre on which scored angles depend -> their joints."""
+_CHAINS: Final = {
+    "neck": ("trunk_flexion",),
+    **dict.fromkeys(("head", "head_top", "nose"), ("trunk_flexion", "neck_flexion")),
+    **{
+        f"{side}_{centre}": ("trunk_flexion", *own, *_of(side, needed))
+        for side in SIDES
+        for centre, own, needed in (
+            ("shoulder", ("trunk_twist",), ()),
+            ("elbow", ("trunk_twist",), _ARM[:2]),
+            ("wrist", ("trunk_twist",), _ARM[:4]),
+            ("knuckles", ("trunk_twist",), _ARM[:4]),
+            ("thumb", ("trunk_twist",), _ARM[:5]),
+            ("knee", (), _LEG[:2]),
+            ("ankle", (), _LEG[:4]),
+            ("toe", (), _LEG[:4]),
+        )
+    },
+}
+"""Centre -> the joints between it and the pelvis, and the trunk, which tells where that is."""
 
 
 @dataclass(frozen=True)
@@ -396,7 +439,7 @@ def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
         places: centre -> positions (n, 3) [m], NaN where not seen.
     """
     places, found = _with_middles(places), {}
-    for name, start, end, least in _bones():
+    for name, start, end, least, _ in _bones():
         if start in places and end in places:
             length = np.linalg.norm(places[end] - places[start], axis=1)
             if np.isfinite(length).any():
@@ -407,71 +450,98 @@ def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
     return found
 
 
-def not_followed(
+def placed_by_body(errors: Mapping[str, np.ndarray], observed: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the distances of centres (n,) [m], NaN where an angle on the way there is not seen.
+
+    An ankle without a knee says nothing of how well the body fits.
+
+    Args:
+        errors: centre -> distance of the body's from the recording's (n,) [m].
+        observed: which joint angles are determined (n, 32) bool.
+    """
+    found = {}
+    for centre, error in errors.items():
+        way = [INDEX[joint] for joint in _CHAINS.get(centre, ())]
+        found[centre] = np.where(observed[:, way].all(axis=1), error, np.nan)
+    return found
+
+
+def doubtful(
     places: Mapping[str, np.ndarray],
     fitted: Mapping[str, np.ndarray],
-    error: np.ndarray,
+    errors: Mapping[str, np.ndarray],
     usual: Mapping[str, Usual],
     time: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """Return the frames in which the body does not follow the recording: cause -> (n,) bool.
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return where the recording cannot be right: cause -> (n,) bool, and the joints (n, 32) bool.
 
     Args:
         places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
         fitted: centre -> positions of the body (n, 3) [m].
-        error: RMS distance of the centres (n,) [m].
+        errors: centre -> distance between both (n,) [m], see `placed_by_body`.
         usual: lengths of the bones, see `usual_lengths`.
         time: times of the frames (n,) [s].
     """
-    causes = {}
+    causes, wrong = {}, np.zeros((len(time), len(JOINTS)), dtype=bool)
+
+    def doubt(cause: str, frames: np.ndarray, joints: Iterable[str]) -> None:
+        if frames.any():
+            causes[cause] = frames
+            for joint in joints:
+                wrong[:, INDEX[joint]] |= frames
+
     places, fitted = _with_middles(places), _with_middles(fitted)
-    for name, *ends in _DIRECTIONS:
+    for name, start, end, joints in _DIRECTIONS:
         if name in usual:
-            bone, own = (_bone(each, *ends) for each in (places, fitted))
-            causes[f"{name} beyond its range"] = angle_between(bone, own) > _OFF
-    for name, *ends in _BENDS:
+            bone, own = (_bone(each, start, end) for each in (places, fitted))
+            doubt(f"{name} beyond its range", angle_between(bone, own) > _OFF, joints)
+    for name, *ends, joints in _BENDS:
         if all(end in places for end in ends):
             bend, own = (
                 angle_between(_bone(each, *ends[:2]), _bone(each, *ends[1:]))
                 for each in (places, fitted)
             )
-            causes[f"{name} beyond its range"] = np.abs(bend - own) > _OFF
-    bones = {name: _bone(places, *ends) for name, *ends, _ in _bones() if name in usual}
-    leaping = leaps(bones, time)
-    for name, bone in bones.items():
+            doubt(f"{name} beyond its range", np.abs(bend - own) > _OFF, joints)
+    bones = {name: (_bone(places, *e), joints) for name, *e, _, joints in _bones() if name in usual}
+    leaping = leaps({name: bone for name, (bone, _) in bones.items()}, time)
+    for name, (bone, joints) in bones.items():
         off = np.abs(np.linalg.norm(bone, axis=1) - usual[name].length)
         # Between two wrong frames, a frame in which the length happens to be right is wrong, too.
         stretched = closed(off > usual[name].leeway, time)
-        causes[f"{name} of unusual length"] = stretched
-        causes[f"{name} jumps"] = between_leaps(leaping[name], stretched, time) & ~stretched
-    causes[f"body off by more than {_POOR:g} m"] = error > _POOR
-    for centre in _CENTRES:
-        if centre in places:
-            apart = np.linalg.norm(places[centre] - fitted[centre], axis=1)
-            causes[f"{spoken(centre)} off by more than {_ASTRAY:g} m"] = apart > _ASTRAY
-    return causes
+        doubt(f"{name} of unusual length", stretched, joints)
+        jumping = between_leaps(leaping[name], stretched, time) & ~stretched
+        doubt(f"{name} jumps", jumping, joints)
+    doubt(f"body off by more than {_POOR:g} m", rms(errors, len(time)) > _POOR, JOINTS)
+    for centre, joints in _CENTRES.items():
+        if centre in errors:
+            off = errors[centre] > _ASTRAY
+            doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", off, joints)
+    return causes, wrong
 
 
-def not_seen(observed: np.ndarray, postures: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the frames in which a segment that a score needs is not seen: cause -> (n,) bool.
+def rms(errors: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Return the root of the mean squared distance of centres (count,) [m]; NaN: none is seen.
+
+    Args:
+        errors: centre -> distance of the body's from the recording's (count,) [m]; NaN: not seen.
+        count: number of frames.
+    """
+    total, seen = np.zeros(count), np.zeros(count)
+    for each in errors.values():
+        known = np.isfinite(each)
+        total += np.where(known, each, 0.0) ** 2
+        seen += known
+    return np.sqrt(total / np.where(seen, seen, np.nan))
+
+
+def without_trunk(observed: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames in which the trunk is not seen, and not near in time either (n,) bool.
 
     Args:
         observed: which joint angles are determined (n, 32) bool.
-        postures: joint angles (n, 32) [rad].
         time: times of the frames (n,) [s].
     """
-    causes = {}
-    for name, *joints in NEEDED:
-        told, angles = observed[:, INDEX[joints[0]]], postures[:, [INDEX[each] for each in joints]]
-        if told.any():
-            causes[f"{name} not seen"] = _lost(told, angles, time)
-    for name, joints in (
-        ("trunk", ("trunk_flexion",)),
-        ("arms", tuple(f"{side}_shoulder_flexion" for side in SIDES)),
-    ):
-        if not observed[:, [INDEX[joint] for joint in joints]].any():
-            causes[f"{name} not seen"] = np.ones(len(time), dtype=bool)
-    return causes
+    return away_from(observed[:, INDEX["trunk_flexion"]], time) > NEAR
 
 
 def scored_frames(count: int, not_scored: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -484,30 +554,26 @@ def scored_frames(count: int, not_scored: Mapping[str, np.ndarray]) -> np.ndarra
     return ~np.logical_or.reduce([np.zeros(count, dtype=bool), *not_scored.values()])
 
 
-def _bones() -> Iterator[tuple[str, str, str, float]]:
-    """Yield name and ends of each bone, and its least leeway as a share if it is not rigid.
+def _bones() -> Iterator[tuple[str, str, str, float, tuple[str, ...]]]:
+    """Yield name and ends of each bone, its least leeway if it is not rigid, and its joints.
 
-    The leeway of the trunk is larger because a bent trunk is shorter, and that of the shoulders
-    because a raised shoulder is nearer to the neck.
+    The leeway is a share of the length. That of the trunk is larger because a bent trunk is
+    shorter, and that of the shoulders because a raised shoulder is nearer to the neck. The joints
+    are those whose angles depend on one of the ends.
     """
-    yield "trunk", "hips", "neck", _MOST
-    yield "neck", "neck", "skull", _MOST
-    yield "pelvis", "right_hip", "left_hip", 0.1
-    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15
+    legs = tuple(joint for side in SIDES for joint in _of(side, _LEG))
+    yield "trunk", "hips", "neck", _MOST, _ABOVE
+    yield "neck", "neck", "skull", _MOST, _NECK
+    yield "pelvis", "right_hip", "left_hip", 0.1, (*_TRUNK, *legs)
+    both = tuple(dict.fromkeys(joint for side in SIDES for joint in _FROM_SHOULDER[side]))
+    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15, both
     for side in SIDES:
-        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2
-        yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1
-        yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06
-        yield f"{side} thigh", f"{side}_hip", f"{side}_knee", 0.06
-        yield f"{side} shank", f"{side}_knee", f"{side}_ankle", 0.06
-
-
-def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames of gaps that are not interpolated, or are at an end (n,) bool."""
-    between, before, after = gaps(told)
-    long = time[after] - time[before] > BRIDGED
-    turned = (np.abs(angles[after] - angles[before]) > _MEANWHILE).any(axis=1)
-    return ~told & ~(between & ~long & ~turned)
+        arm, leg = _of(side, _ARM), _of(side, _LEG)
+        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2, _FROM_SHOULDER[side]
+        yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1, arm
+        yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06, arm
+        yield f"{side} thigh", f"{side}_hip", f"{side}_knee", 0.06, leg
+        yield f"{side} shank", f"{side}_knee", f"{side}_ankle", 0.06, leg
 
 
 def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -41,7 +41,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import Marker, base_jacobian
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
-from ergoqp.mocap.fitting.axes import first_middle
+from ergoqp.mocap.fitting.neutral import first_middle
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.markers.rigid import brought_to, shape_of
 from ergoqp.mocap.naming import LANDMARK_SEGMENTS, RIGID, evaluated, growth_of, of_any_body
