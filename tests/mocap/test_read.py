@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,10 @@ from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.recording import JointMotion
 
 
-def motion_of(places: dict[str, np.ndarray], **more: object) -> JointMotion:
+def motion_of(places: dict[str, np.ndarray], **more: Any) -> JointMotion:
     positions = np.stack(list(places.values()), axis=1)
     time = np.arange(len(positions)) / RATE
-    return JointMotion(tuple(places), positions, time, **more)  # pyright: ignore[reportArgumentType]
+    return JointMotion(tuple(places), positions, time, **more)
 
 
 def poses(path: np.ndarray) -> np.ndarray:
