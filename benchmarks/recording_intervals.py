@@ -385,9 +385,3 @@ def measure_intervals(report: Report) -> None:
         silent(report)
         intervals(report)
         files(report)
-
-
-if __name__ == "__main__":
-    from benchmarks.report import run
-
-    run(measure_intervals, __doc__ or "")

@@ -41,7 +41,7 @@ def test_frames_that_are_missing_are_near_those_around(work: Places) -> None:
         assert known(recording).mean() > least
         off = np.abs(recording.postures - plain.postures)[known(recording)]
         assert np.degrees(np.median(off.max(axis=1))) < 3
-        assert outside(recording, plain.postures).max() < 1
+        assert outside(recording, plain.postures).max() < 2
         assert np.isnan(recording.fit_error).mean() == pytest.approx(share, abs=0.05)
         assert "a joint is not seen that is seen at other times" in " ".join(recording.assumptions)
 
@@ -154,7 +154,7 @@ def test_a_point_that_jumps_is_not_scored(work: Places) -> None:
     recording = fitted(work)
     np.testing.assert_array_equal(np.flatnonzero(~seen(recording)), np.arange(50, 60))
     assert recording.doubts["right upper arm of unusual length"][55]
-    assert outside(recording, plain.postures).max() < 1
+    assert outside(recording, plain.postures).max() < 2
 
 
 def test_nobody_lies_at_work(work: Places) -> None:
@@ -172,11 +172,11 @@ def test_nothing_of_a_persons_size(factor: float, work: Places) -> None:
 @pytest.mark.parametrize(
     ("joint", "scored", "lost", "cause"),
     [
-        ("trunk_flexion", -37.0, -44.0, "trunk beyond its range"),
-        ("neck_flexion", 67.0, 74.0, "neck beyond its range"),
-        ("right_shoulder_flexion", -67.0, -85.0, "right upper arm beyond its range"),
-        ("left_elbow_flexion", 157.0, 164.0, "left elbow beyond its range"),
-        ("right_knee_flexion", 152.0, 159.0, "right knee beyond its range"),
+        ("trunk_flexion", -47.0, -54.0, "trunk beyond its range"),
+        ("neck_flexion", 77.0, 84.0, "neck beyond its range"),
+        ("right_shoulder_flexion", -77.0, -85.0, "right upper arm beyond its range"),
+        ("left_elbow_flexion", 167.0, 174.0, "left elbow beyond its range"),
+        ("right_knee_flexion", 162.0, 169.0, "right knee beyond its range"),
     ],
 )
 def test_who_bends_beyond_what_anybody_can_is_not_scored(
@@ -190,7 +190,7 @@ def test_who_bends_beyond_what_anybody_can_is_not_scored(
 
 
 def test_a_bone_that_is_longer_for_a_while_is_not_scored(work: Places) -> None:
-    for share, expected in ((1.015, 0), (1.04, 20)):
+    for share, expected in ((1.012, 0), (1.04, 20)):
         places = {centre: path.copy() for centre, path in work.items()}
         knee, ankle = places["left_knee"], places["left_ankle"]
         ankle[30:50] = knee[30:50] + share * (ankle - knee)[30:50]

@@ -19,7 +19,7 @@ NEAR: Final = 1.0
 """Time from an angle that is seen after which nothing is known of it any more [s]."""
 _TIMES: Final = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
 """Times over which the movement of an angle is measured [s]."""
-_MOST: Final = 0.98
+_MOST: Final = 0.995
 """Share of the movements of a recording that stay within the ends."""
 _FASTEST: Final = 12.0
 """Largest speed of a part of the body [m/s]."""
@@ -174,11 +174,16 @@ def _unseen(
     since, until = np.abs(time[lost] - time[before]), np.abs(time[after] - time[lost])
     near = np.minimum(since, until)
     between = np.interp(time[lost], time[known], angles[known])
-    # A walk at random is as far from the line across a gap as in the middle of a gap of this half.
-    half = 2 * since * until / np.maximum(since + until, 1e-9)
-    inside = (before < lost) & (lost < after)
+    # A smooth movement is as far from the line across a gap as in the middle of a gap of this half.
+    half = np.sqrt(since * until)
+    inside = (before < lost) & (lost < after) & (since + until < 2 * NEAR)
+    between = np.where(inside, between, angles[np.where(since < until, before, after)])
     alone, across = _moves(angles, seen, time, upper - lower)
     reach = np.where(inside, np.interp(half, _TIMES, across), np.interp(near, _TIMES, alone))
+    # Where the angle changes faster than it ever does, it may jump anywhere in the gap.
+    change = np.abs(angles[after] - angles[before])
+    leaps = inside & (change > np.interp(since + until, _TIMES, alone))
+    reach = np.where(leaps, np.maximum(reach, change), reach)
     reach[near > NEAR] = np.inf
     # What the frames around suggest is within the ends, too.
     low[lost] = np.minimum(np.maximum(between - reach, lower), angles[lost])
