@@ -86,7 +86,6 @@ def broken_files(text: str) -> Iterator[tuple[str, str]]:
     yield "a billion frames declared", f"{head}{frames} 1000000000\n{rows}"
     yield "a frame less declared", f"{head}{frames} {int(count) - 1}\n{rows}"
     yield "time running backwards", f"{head}{frames}{count}\nFrame Time: -0.01\n{numbers}"
-    yield "NaN", f"{head}{frames}{count}\n{rows.replace('0.', 'nan', 1)}"
     yield "a decimal comma", f"{head}{frames}{count}\n{rows.replace('.', ',')}"
     yield "no skeleton", frames + rest
 
@@ -100,6 +99,27 @@ def silent_file(text: str, folder: Path) -> str:
     except RecordingError as error:
         return "" if path.name in str(error) else f"refused without its name: {error}"
     return "read, and not refused"
+
+
+def unseen_number(text: str, folder: Path) -> str:
+    """Return what is wrong with the outcome of a BVH file in which the first number is missing.
+
+    It should be read, and nothing seen in that frame; an empty text if it is.
+
+    Args:
+        text: a file that is not broken.
+        folder: where it is written.
+    """
+    head, mark, rest = text.partition("Frame Time:")
+    time, numbers = rest.split("\n", 1)
+    path = folder / "broken.bvh"
+    first = numbers.split(maxsplit=1)[0]
+    path.write_text(f"{head}{mark}{time}\n{numbers.replace(first, 'nan', 1)}", encoding="utf-8")
+    try:
+        recording = load_recording(path)
+    except RecordingError as error:
+        return f"refused: {error}"
+    return "the frame counts as seen" if recording.observed[0].any() else ""
 
 
 def cases() -> Iterator[Case]:

@@ -59,7 +59,7 @@ from benchmarks.made_motions import (
     walk,
 )
 from benchmarks.recording_intervals import measure_intervals
-from benchmarks.recording_outcomes import broken_files, cases, seen, silent_file
+from benchmarks.recording_outcomes import broken_files, cases, seen, silent_file, unseen_number
 from benchmarks.recording_references import measure_references
 from benchmarks.report import Report, run
 from ergoqp import reba
@@ -194,8 +194,12 @@ def outcomes(report: Report, paths: list[Path]) -> None:
                     report.say(f"{name}, {case.name}: {wrong}")
     with tempfile.TemporaryDirectory() as folder:
         for path in paths:
-            for what, text in broken_files(path.read_text(encoding="utf-8")):
-                wrong = silent_file(text, Path(folder))
+            whole = path.read_text(encoding="utf-8")
+            found_out = {
+                what: silent_file(text, Path(folder)) for what, text in broken_files(whole)
+            }
+            found_out["NaN"] = unseen_number(whole, Path(folder))
+            for what, wrong in found_out.items():
                 found, every, count = found + bool(wrong), every + bool(wrong), count + 1
                 if wrong:
                     report.say(f"{path.stem}, {what}: {wrong}")

@@ -81,6 +81,7 @@ def write_score_page(
             _over_time(recording, assessment, summary),
             _worst(recording, assessment, summary),
             _fit(recording, summary),
+            *_read(recording),
             *closing_sections(recording.assumptions, options),
         ],
     )
@@ -198,6 +199,13 @@ def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]
 def _highest_share(share: dict[str, float]) -> tuple[str, str]:
     score = max(share, key=lambda name: share[name])
     return score, f"{100 * share[score]:.0f} %"
+
+
+def _read(recording: Recording) -> list[Section]:
+    """Return the section with what was read, folded; none for a recording without names."""
+    rows = [(name, use or "not read") for name, use in recording.read.items()]
+    head = ("name in the file", "used as")
+    return [Section("What was read", tables=[PageTable(head, rows)], folded=True)] if rows else []
 
 
 def _fit(recording: Recording, summary: dict[str, Any]) -> Section:

@@ -102,7 +102,8 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     {``mean``, ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames
     beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown),
     ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of the body that it sits
-    on, ``residual_mm``, null if it is never seen}}; ``assumptions``. Frames count from 0.
+    on, ``residual_mm``, null if it is never seen}}; ``read`` {name in the file: what it was used
+    as, empty if it was not}; ``assumptions``. Frames count from 0.
 
     Args:
         recording: the recording that was scored.
@@ -145,6 +146,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
             }
             for name, marker in recording.markers.items()
         },
+        "read": dict(recording.read),
         "assumptions": list(recording.assumptions),
     }
 

@@ -230,3 +230,18 @@ def test_a_lean_is_told_with_its_direction(lean: float, said: str) -> None:
     sentence = stated_neutral(places, frames, "at 2 s").sentence
     assert f"the skeleton's trunk leans {said} by 10 deg there, and its neck " in sentence
     assert "ward by -" not in sentence
+
+
+@pytest.mark.parametrize("nod", [60.0, -60.0, 80.0, -80.0])
+def test_nobody_stands_straight_with_the_head_on_the_chest(nod: float) -> None:
+    places = walk()[0]
+    ahead, up = np.array([np.cos(0.4), np.sin(0.4), 0.0]), np.array([0.0, 0.0, 1.0])
+    tilt = np.radians(nod)
+    for name, length in (("head", 0.12), ("head_top", 0.3)):
+        places[name] = places["neck"] + length * (np.sin(tilt) * ahead + np.cos(tilt) * up)
+    frames = np.arange(len(places["neck"])) == 10
+    if abs(nod) < 70:
+        assert stated_neutral(places, frames, "at 2 s").neck == pytest.approx(tilt, abs=0.1)
+        return
+    with pytest.raises(RecordingError, match="neutral: got a posture at 2 s in which"):
+        stated_neutral(places, frames, "at 2 s")

@@ -37,7 +37,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
 from ergoqp.mocap.fitting.unknown import NEAR, away_from
-from ergoqp.mocap.formats.text import are_alike
+from ergoqp.mocap.formats.times import are_alike
 
 _NOISE: Final = np.radians(1.0) ** 2
 """Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""

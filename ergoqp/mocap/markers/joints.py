@@ -22,7 +22,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
-from ergoqp.mocap.markers.fit import check_order
+from ergoqp.mocap.markers.fit import AS_STATED, check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
 from ergoqp.mocap.markers.shoulders import (
     Sliding,
@@ -429,7 +429,7 @@ def joints_of_markers(
         progress: is called with the share of the frames that is done.
 
     Raises:
-        RecordingError: if the pelvis cannot be placed, or markers are in impossible places.
+        RecordingError: if the pelvis cannot be placed.
     """
     every = max(1, len(motion.time) // _SAMPLE)
     # If one marker of a wrist is never seen, the wrist is computed from the other one.
@@ -449,7 +449,6 @@ def joints_of_markers(
                 unplaced += f"; t{sentence[1:-1]}"
         raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
-    check_order(where, sample)
     sliding = _sliding(sample, widths, size)
     links = Links(roots_of(sample, widths, size, sliding) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
@@ -488,6 +487,32 @@ def joints_of_markers(
     how += sliding_said(sliding, doubts)
     said = [*how, *astray_said(motion, astray), *said]
     return centres, said, astray, {f"{side}_upper_arm": half for side, half in doubts.items()}
+
+
+def in_order(
+    motion: JointMotion,
+    where: str,
+    landmarks: Mapping[str, tuple[int, ...]],
+    unit: float,
+    trusted: bool,
+) -> JointMotion:
+    """Return markers that are where their names say; a note says if that is stated against them.
+
+    Args:
+        motion: the markers.
+        where: the recording's name, for messages.
+        landmarks: landmark -> indices of its markers.
+        unit: the file's unit of length [m].
+        trusted: whether the names are right, wherever the markers are.
+
+    Raises:
+        RecordingError: if markers are in impossible places and the names are not trusted.
+    """
+    every = max(1, len(motion.time) // _SAMPLE)
+    said = check_order(where, _at(landmarks, motion.positions[::every], unit), trusted=trusted)
+    # It is not repeated when lost markers have been estimated.
+    before = any(AS_STATED in note for note in motion.notes)
+    return motion if before else replace(motion, notes=(*motion.notes, *said))
 
 
 def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:
