@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.made_motions import Places, fitted, read_angles
+from benchmarks.made_motions import Places, fitted
 from ergoqp.errors import ErgoqpError, RecordingError
+from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import Recording, load_recording
 from ergoqp.mocap.fitting.axes import UPS, axes_of
+from ergoqp.sheets.description import between_elevations
 
 Change = Callable[[Places, np.random.Generator], Places]
 """Breaks joint centres."""
 
 OFF: Final = 12.0
 """A posture is wrong of which trunk, an elbow, a knee or an upper arm is further off [deg]."""
+_FEW: Final = 100
 MIRRORED: Final = "left and right are exchanged, or an axis is mirrored"
 
 
@@ -31,7 +34,7 @@ class Case:
         name: what is wrong with them.
         change: breaks them.
         refusal: part of the sentence with which they should be refused; empty: they are read.
-        least: share of the frames that should be scored.
+        least: share of the frames that should be known to `OFF`.
         options: of `ergoqp.fit_postures`.
     """
 
@@ -42,10 +45,10 @@ class Case:
     options: dict[str, Any] = field(default_factory=dict)
 
     def wrong(self, places: Places, truth: Recording, seed: int) -> tuple[str, str]:
-        """Return what is wrong with the outcome, and what would be, had every frame been scored.
+        """Return what is wrong with the outcome, and what would be without ends of the angles.
 
-        Empty texts if nothing is. A frame is a silent wrong posture that is scored and more than
-        `OFF` from the truth.
+        Empty texts if nothing is. A frame is a silent wrong posture that is scored and has the
+        truth more than `OFF` outside the ends of its angles.
 
         Args:
             places: the centres as they are (n, 3) [m].
@@ -61,10 +64,12 @@ class Case:
         if self.refusal:
             wrong = f"read, and not refused with {self.refusal!r}"
             return wrong, wrong
-        every = _silent(found, truth, np.ones(len(found.time), dtype=bool))
-        if found.scored.mean() < self.least * truth.scored.mean():
-            return f"only {found.scored.mean():.0%} of the frames are scored", every
-        return _silent(found, truth, found.scored), every
+        every = _silent(replace(found, spans={}), truth)
+        share = float(known(found).mean())
+        # A recording of a few frames does not tell how fast its angles move.
+        if len(found.time) > _FEW and share < self.least * known(truth).mean():
+            return f"only {share:.0%} of the frames are known", every
+        return _silent(found, truth), every
 
 
 def broken_files(text: str) -> Iterator[tuple[str, str]]:
@@ -81,7 +86,6 @@ def broken_files(text: str) -> Iterator[tuple[str, str]]:
     yield "a billion frames declared", f"{head}{frames} 1000000000\n{rows}"
     yield "a frame less declared", f"{head}{frames} {int(count) - 1}\n{rows}"
     yield "time running backwards", f"{head}{frames}{count}\nFrame Time: -0.01\n{numbers}"
-    yield "NaN", f"{head}{frames}{count}\n{rows.replace('0.', 'nan', 1)}"
     yield "a decimal comma", f"{head}{frames}{count}\n{rows.replace('.', ',')}"
     yield "no skeleton", frames + rest
 
@@ -95,6 +99,27 @@ def silent_file(text: str, folder: Path) -> str:
     except RecordingError as error:
         return "" if path.name in str(error) else f"refused without its name: {error}"
     return "read, and not refused"
+
+
+def unseen_number(text: str, folder: Path) -> str:
+    """Return what is wrong with the outcome of a BVH file in which the first number is missing.
+
+    It should be read, and nothing seen in that frame; an empty text if it is.
+
+    Args:
+        text: a file that is not broken.
+        folder: where it is written.
+    """
+    head, mark, rest = text.partition("Frame Time:")
+    time, numbers = rest.split("\n", 1)
+    path = folder / "broken.bvh"
+    first = numbers.split(maxsplit=1)[0]
+    path.write_text(f"{head}{mark}{time}\n{numbers.replace(first, 'nan', 1)}", encoding="utf-8")
+    try:
+        recording = load_recording(path)
+    except RecordingError as error:
+        return f"refused: {error}"
+    return "the frame counts as seen" if recording.observed[0].any() else ""
 
 
 def cases() -> Iterator[Case]:
@@ -194,13 +219,63 @@ def only(*ends: str) -> Change:
     return lambda places, _: {c: path for c, path in places.items() if c.endswith(ends)}
 
 
-def _silent(found: Recording, truth: Recording, scored: np.ndarray) -> str:
-    angles, right = read_angles(found.postures), read_angles(truth.postures)
-    off = np.max([np.abs(angles[name] - right[name]).max(axis=1) for name in right], axis=0)
-    silent = scored & (off > OFF)
-    if not silent.any():
+def known(recording: Recording) -> np.ndarray:
+    """Return the frames in which all that is ever seen is known to `OFF` (n,) bool."""
+    ends = _judged(np.stack([recording.low.T, recording.high.T]))
+    ever = recording.observed.any(axis=0)
+    told = [name for name in ends if ever[_JOINTS[name]]]
+    wide = [ends[name][1] - ends[name][0] > 2 * OFF for name in told]
+    return recording.scored & ~np.logical_or.reduce([np.zeros_like(recording.scored), *wide])
+
+
+def seen(recording: Recording) -> np.ndarray:
+    """Return the frames in which all that is ever seen is seen (n,) bool."""
+    return recording.observed[:, recording.observed.any(axis=0)].all(axis=1)
+
+
+def outside(recording: Recording, truth: np.ndarray) -> np.ndarray:
+    """Return how far postures are outside the ends of a recording's at most (n,) [deg].
+
+    Args:
+        recording: the recording.
+        truth: the postures (n, 32) [rad].
+    """
+    ends = _judged(np.stack([recording.low.T, recording.high.T]))
+    right = _judged(np.stack([truth.T, truth.T]))
+    off = [np.maximum(ends[n][0] - right[n][0], right[n][1] - ends[n][1]) for n in ends]
+    return np.max([np.zeros(len(truth)), *off], axis=0)
+
+
+_JOINTS: Final = {
+    name: INDEX[name]
+    for name in (
+        "trunk_flexion",
+        "trunk_side_bend",
+        *(f"{side}_{each}" for side in SIDES for each in ("shoulder_flexion", "elbow_flexion")),
+        *(f"{side}_knee_flexion" for side in SIDES),
+    )
+}
+"""Joints that are judged; the flexion of a shoulder stands for the elevation of the arm."""
+
+
+def _judged(ends: np.ndarray) -> dict[str, np.ndarray]:
+    """Return joint -> lower and upper end (2, n) [deg] of ends of postures (2, 32, n) [rad]."""
+    found, raised = np.degrees(ends), np.degrees(between_elevations(ends))
+    judged = {name: found[:, joint] for name, joint in _JOINTS.items()}
+    for name in judged:
+        if "shoulder" in name:
+            # Behind the body an elevation is negative.
+            low, high = raised[:, _JOINTS[name]]
+            both = np.sort(np.abs([low, high]), axis=0)
+            judged[name] = np.stack([np.where(low * high < 0, 0.0, both[0]), both[1]])
+    return judged
+
+
+def _silent(found: Recording, truth: Recording) -> str:
+    off = np.where(found.scored & truth.scored, outside(found, truth.postures), 0.0)
+    if (off <= OFF).all():
         return ""
-    return f"{silent.sum()} frames are scored up to {off[silent].max():.0f} deg wrongly"
+    return f"{(off > OFF).sum()} frames are scored up to {off.max():.0f} deg wrongly"
 
 
 def _while(places: Places) -> slice:

@@ -6,8 +6,8 @@ are looked for in ``../shared/mocap/bvh``; without them only what the project ma
 ``geometry.FILE.ANGLE_rms_deg``: the angle that is read, against the one between the file's own
 joint centres, RMS over frames and sides: ``trunk`` (from the vertical), ``elbow``, ``knee``,
 ``elevation`` (of the upper arm from the trunk). ``.constant``: had the median been said of every
-frame. ``geometry.FILE.ANGLE_max_deg``: largest, of the frames that are scored.
-``geometry.FILE.marked``: share of the frames that are not scored, calibration poses apart.
+frame. ``geometry.FILE.ANGLE_max_deg``: largest, of the frames in which all is seen.
+``geometry.FILE.marked``: share of the frames of which a part cannot be right.
 ``geometry.FILE.trunk_score_off``: mean trunk score less that of the plain forward lean.
 
 ``made.MOVEMENT.elevation_rms_deg``: shoulders of our own person through every branch, elbows bent
@@ -25,12 +25,15 @@ than had the object been left alone; ``.share_better``: that end with a lower on
 the problem as it is.
 
 ``wrong_outcomes``: recordings broken in some way (`benchmarks.recording_outcomes`; three seeds each
-with ``--full``) of which a frame is scored that is more than 12 deg from the truth, or that are not
-refused with the right sentence, or refused without need; ``.all_scored``: had every frame been
-scored that can be.
+with ``--full``) of which a frame is scored with the truth more than 12 deg outside the ends of an
+angle, or that are not refused with the right sentence, or refused without need;
+``.without_ends``: had the likeliest angles been all that is said.
 
 ``centres_per_s``: frames per second and core, from joint centres to postures, fit error and what is
 not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
+
+``interval_``, ``silent_``, ``share_scored``, ``branches``, ``refused_whole``: see
+`benchmarks.recording_intervals`.
 
 ``reference.``, ``marker_fit_mm.`` and ``markers_per_s``: see `benchmarks.recording_references`.
 ``told.``: see `benchmarks.recording_told`.
@@ -55,7 +58,8 @@ from benchmarks.made_motions import (
     stoop,
     walk,
 )
-from benchmarks.recording_outcomes import broken_files, cases, silent_file
+from benchmarks.recording_intervals import measure_intervals
+from benchmarks.recording_outcomes import broken_files, cases, seen, silent_file, unseen_number
 from benchmarks.recording_references import measure_references
 from benchmarks.report import Report, run
 from ergoqp import reba
@@ -126,9 +130,10 @@ def geometry(report: Report, path: Path) -> None:
         report.figure(f"{name}.{angle}_rms_deg", _rms(off))
         constant = (plain[angle] - np.median(plain[angle][work], axis=0))[work]
         report.figure(f"{name}.{angle}_rms_deg.constant", _rms(constant))
-        scored = np.abs(read[angle] - plain[angle])[recording.scored]
-        report.figure(f"{name}.{angle}_max_deg", scored.max())
-    report.figure(f"{name}.marked", float(np.mean((~recording.scored)[work])))
+        clear = np.abs(read[angle] - plain[angle])[recording.scored & seen(recording)]
+        report.figure(f"{name}.{angle}_max_deg", clear.max())
+    marked = np.logical_or.reduce([~work & False, *recording.doubts.values()])
+    report.figure(f"{name}.marked", float(np.mean(marked)))
     plainly = recording.postures.copy()
     plainly[:, INDEX["trunk_flexion"]] = leans(places)[0]
     means = [_trunk_score(each[recording.scored]) for each in (recording.postures, plainly)]
@@ -189,13 +194,17 @@ def outcomes(report: Report, paths: list[Path]) -> None:
                     report.say(f"{name}, {case.name}: {wrong}")
     with tempfile.TemporaryDirectory() as folder:
         for path in paths:
-            for what, text in broken_files(path.read_text(encoding="utf-8")):
-                wrong = silent_file(text, Path(folder))
+            whole = path.read_text(encoding="utf-8")
+            found_out = {
+                what: silent_file(text, Path(folder)) for what, text in broken_files(whole)
+            }
+            found_out["NaN"] = unseen_number(whole, Path(folder))
+            for what, wrong in found_out.items():
                 found, every, count = found + bool(wrong), every + bool(wrong), count + 1
                 if wrong:
                     report.say(f"{path.stem}, {what}: {wrong}")
     report.figure("wrong_outcomes", found, f"of {count}")
-    report.figure("wrong_outcomes.all_scored", every)
+    report.figure("wrong_outcomes.without_ends", every)
 
 
 def speed(report: Report, paths: list[Path]) -> None:
@@ -266,6 +275,7 @@ def measure(report: Report) -> None:
     made_shoulders(report)
     made_trunks(report)
     outcomes(report, paths)
+    measure_intervals(report)
     runs_from(report, paths)
     measure_references(report)
     speed(report, paths)

@@ -106,6 +106,14 @@ class RecordingOptions:
     rate: Annotated[
         float | None, option("HZ", "Frames per second of a recording that has no times.")
     ] = None
+    trust: Annotated[
+        str | None,
+        option(
+            "WHAT",
+            "What is right although it looks impossible: names (of markers), sides (left and"
+            " right), angles (unit and sign of the file's own); several with commas.",
+        ),
+    ] = None
 
     @property
     def person_value(self) -> float | Path | None:
@@ -157,7 +165,8 @@ class RecordingOptions:
             "up": self.up and self.up.value,
             "neutral": "vertical" if self.neutral == "vertical" else _number_or_path(self.neutral),
             "window": self.window_value,
-            "columns": tuple(map(str.strip, self.columns.split(","))) if self.columns else (),
+            "columns": _listed(self.columns),
+            "trust": _listed(self.trust),
         }
         return load_recording(path, **vars(self) | read, progress=progress)
 
@@ -247,6 +256,10 @@ def folder_of(text: str) -> Path:
     if not text:
         raise typer.BadParameter("got an empty text, allowed a folder")
     return Path(text)
+
+
+def _listed(text: str | None) -> tuple[str, ...]:
+    return tuple(map(str.strip, text.split(","))) if text else ()
 
 
 def _number_or_path(text: str | None) -> float | Path | None:

@@ -23,7 +23,8 @@ from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap import Recording
 from ergoqp.mocap.assumptions import side_measured
 from ergoqp.mocap.formats.text import some
-from ergoqp.mocap.naming import CENTRES, LANDMARKS, template
+from ergoqp.mocap.name_words import template
+from ergoqp.mocap.naming import CENTRES, LANDMARKS
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_angles, write_scores
 from ergoqp.report.tables import score_table

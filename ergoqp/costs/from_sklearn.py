@@ -23,7 +23,7 @@ from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.svr import KernelCost, Reduction
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
-from ergoqp.learning.pipelines import affine, check_radians, dense, named, unpack
+from ergoqp.learning.pipelines import affine, check_radians, dense, named, order_of, unpack
 
 Array = NDArray[np.float64]
 
@@ -157,8 +157,8 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
 
     Args:
         estimator: the fitted estimator; the top of this file lists what can be read.
-        coordinates: names of its inputs, in its order. If it was fitted with a table that names
-            its columns, the order of the table is taken.
+        coordinates: names of the inputs of the cost. If the estimator was fitted with a table that
+            names its columns, they may be in any order; else they are in the order of the fit.
         minimum: V_min, the lowest cost that a posture should have [points].
 
     Raises:
@@ -180,8 +180,17 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
     if type(estimator).__name__ == "GaussianMixture":
         return Gmr.from_estimator(estimator, coordinates, minimum)
     parts = unpack(estimator, len(tuple(coordinates)))
-    names = named(estimator, coordinates)
-    return SklearnCost(_model(names, *parts), names, minimum)
+    fitted = named(estimator, coordinates)
+    model = _model(fitted, *parts)
+    return SklearnCost(_ordered(model, order_of(coordinates, fitted)), coordinates, minimum)
+
+
+def _ordered(model: KernelSum | Layers, order: list[int]) -> KernelSum | Layers:
+    """Return a model whose inputs are those of another one, in another order."""
+    scaling = {"mean": model.mean[order], "scale": model.scale[order]}
+    if isinstance(model, KernelSum):
+        return replace(model, centres=model.centres[:, order], **scaling)
+    return replace(model, weights=[model.weights[0][order], *model.weights[1:]], **scaling)
 
 
 def _model(names: Sequence[str], mean: Array, scale: Array, last: Any) -> KernelSum | Layers:

@@ -6,6 +6,7 @@ There are two variants: equations 2.4 to 2.8 of the EPFL report, or one mixture 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 import casadi as ca
@@ -26,7 +27,7 @@ from ergoqp.costs.cost import Arrays, LearnedCost, Settings
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
 from ergoqp.learning.mixtures import MixtureRegression, Prediction, estimate, mixture_of
-from ergoqp.learning.pipelines import check_radians, named
+from ergoqp.learning.pipelines import check_radians, named, order_of
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -189,17 +190,25 @@ class Gmr(LearnedCost):
 
         Args:
             estimator: a fitted mixture; its last column is the score.
-            coordinates: names of the inputs.
+            coordinates: names of the inputs, in any order if it was fitted with a table that names
+                its columns.
             minimum: V_min [points]; None: the lowest mean score of the Gaussians.
 
         Raises:
             ModelError: if it is not fitted, or has a wrong number of columns.
         """
         mixture = mixture_of(estimator)
-        names = named(estimator, coordinates, extra=1)
-        check_radians(names, estimator)
+        fitted = named(estimator, coordinates, extra=1)
+        check_radians(fitted, estimator)
+        order = [*order_of(coordinates, fitted), len(fitted)]
+        if order != sorted(order):
+            mixture = replace(
+                mixture,
+                means=mixture.means[:, order],
+                covariances=mixture.covariances[:, order][:, :, order],
+            )
         lowest = float(mixture.means[:, -1].min()) if minimum is None else minimum
-        return cls(mixture, names, lowest)
+        return cls(mixture, coordinates, lowest)
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d), eq. 2.5."""

@@ -37,7 +37,7 @@ from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.model_file import load_model, save_model
-from ergoqp.learning.pipelines import check_radians, dense, named, sklearn, unpack
+from ergoqp.learning.pipelines import check_radians, dense, named, order_of, sklearn, unpack
 
 _STARTS: Final = 16
 """Number of support vectors from which the largest margin is searched."""
@@ -189,8 +189,8 @@ class OneClass:
 
         Args:
             estimator: fitted, with radial kernels.
-            coordinates: names of its inputs. If it was fitted with a table that names its columns,
-                the order of the table is taken.
+            coordinates: names of its inputs, in any order if it was fitted with a table that names
+                its columns.
 
         Raises:
             ModelError: if the estimator or its kernel is another one, it is not fitted, nothing is
@@ -203,11 +203,13 @@ class OneClass:
             raise ModelError(f"estimator: got a {type(svm).__name__}, allowed a OneClassSVM")
         if svm.kernel != "rbf":
             raise ModelError(f"OneClassSVM: got the kernel {svm.kernel!r}, allowed 'rbf'")
-        names = Coordinates(named(estimator, names.names))
-        check_radians(names.names, svm, mean, scale)
+        fitted = named(estimator, names.names)
+        check_radians(fitted, svm, mean, scale)
+        order = order_of(names.names, fitted)
         gamma = svm._gamma  # the value of "scale" and "auto", which has no public name
-        centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
-        model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
+        centres, weights = dense(svm.support_vectors_)[:, order], dense(svm.dual_coef_).ravel()
+        rho = float(-svm.intercept_[0])
+        model = cls(names, gamma, mean[order], scale[order], centres, weights, rho)
         if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
             raise ModelError(
                 f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}; use"

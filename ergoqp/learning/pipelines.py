@@ -99,8 +99,9 @@ def unpack(estimator: Any, width: int) -> tuple[Array, Array, Any]:
 def named(estimator: Any, coordinates: Sequence[str], extra: int = 0) -> tuple[str, ...]:
     """Return the names of the inputs in the order in which an estimator was fitted.
 
-    An estimator that was fitted with a table keeps the names of its columns. They decide the order.
-    Names in which no coordinate is found say nothing.
+    An estimator that was fitted with a table keeps the names of its columns. They decide the order
+    in which its numbers are read; `order_of` brings them into the stated one. Names in which no
+    coordinate is found say nothing.
 
     Args:
         estimator: a fitted pipeline, or a fitted estimator alone.
@@ -126,6 +127,12 @@ def named(estimator: Any, coordinates: Sequence[str], extra: int = 0) -> tuple[s
             f" stated coordinates: {', '.join(other)} differ"
         )
     return tuple(fitted)
+
+
+def order_of(stated: Sequence[str], fitted: Sequence[str]) -> list[int]:
+    """Return the index of each stated input among those of a fit, the names of `named`."""
+    places = {name: i for i, name in enumerate(fitted)}
+    return [places[name] for name in stated]
 
 
 def _columns(estimator: Any) -> list[str]:

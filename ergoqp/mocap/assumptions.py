@@ -33,6 +33,7 @@ from ergoqp.mocap.fitting.unknown import NEAR
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.joints import ReadOptions, joints_of
+from ergoqp.mocap.name_words import is_body_part
 from ergoqp.mocap.recording import JointMotion
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
@@ -373,11 +374,11 @@ def held_object(
     axes: np.ndarray,
     centres: Mapping[str, np.ndarray],
     assumptions: list[str],
-) -> np.ndarray | None:
-    """Return the poses (n, 4, 4) [m] of the stated object, or of the only one.
+) -> tuple[str, np.ndarray] | None:
+    """Return name and poses (n, 4, 4) [m] of the stated object, or of the only one.
 
-    None if it is never seen, if it is not stated and far from the hands, or if there are several
-    objects and none is stated.
+    None if it is never seen, if it is not stated and far from the hands or named as a part of a
+    body, or if there are several objects and none is stated.
 
     Args:
         where: the recording's name, for messages.
@@ -395,12 +396,19 @@ def held_object(
             f"{where}: thing: got {thing!r}, allowed"
             f" {some([repr(name) for name in objects]) or 'None: the recording has no object'}"
         )
-    if thing is None and len(objects) > 1:
+    offered = [name for name in objects if not is_body_part(name)]
+    if thing is None and len(offered) > 1:
         assumptions.append(
-            f"The recording has {len(objects)} objects ({some(list(objects))}); none is shown,"
-            " because the one that is held is not stated (thing)."
+            f"The recording has {len(offered)} objects ({some(offered)}); none is shown, because"
+            " the one that is held is not stated (thing)."
         )
-    name = thing if thing is not None or len(objects) != 1 else next(iter(objects))
+    if thing is None and len(offered) < len(objects):
+        parts = [name for name in objects if name not in offered]
+        assumptions.append(
+            f"Named as parts of a body and not taken as held: {some(parts)}; state it (thing) if"
+            " one is."
+        )
+    name = thing if thing is not None or len(offered) != 1 else offered[0]
     if name is None:
         return None
     path = objects[name][:, :3, 3].astype(float)
@@ -425,7 +433,7 @@ def held_object(
     poses = objects[name].astype(float)
     poses[:, :3, 3] = poses[:, :3, 3] @ axes.T
     poses[:, :3, :3] = turn @ poses[:, :3, :3]
-    return poses
+    return name, poses
 
 
 def _from_hands(path: np.ndarray, centres: Mapping[str, np.ndarray]) -> float:

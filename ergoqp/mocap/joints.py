@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
@@ -15,19 +15,22 @@ from ergoqp.human.body import Marker
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.naming import (
     LANDMARKS,
+    PLACED,
     RIGID,
+    MarkerSet,
     Naming,
+    added_to,
     best_set,
-    check_all_there,
     check_placed,
     known_namings,
     known_sets,
+    landmarks_in,
     named_centres,
     naming_of,
     parted,
 )
 from ergoqp.mocap.recording import JointMotion
-from ergoqp.mocap.unseen import oriented, shoulders_of
+from ergoqp.mocap.unseen import AHEAD, oriented, shoulders_of
 
 if TYPE_CHECKING:
     from ergoqp.mocap.markers.joints import Astray
@@ -183,6 +186,9 @@ class Found:
         upright: whether trunk and neck have their zero where they are straight, because the
             recording consists of joint angles.
         whole: the markers, if some are lost or left out for a while; else None.
+        doubts: ``right_upper_arm``, ``left_upper_arm`` -> half-angle by which its direction may be
+            off, because the acromion's marker slides (n,) [rad]; empty for joints.
+        read: name in the file -> what it is used as; empty if it is not used.
     """
 
     motion: JointMotion
@@ -195,6 +201,8 @@ class Found:
     landmarks: Mapping[str, str] = field(default_factory=dict)
     upright: bool = False
     whole: JointMotion | None = None
+    doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    read: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -213,6 +221,7 @@ class ReadOptions:
             straight, or ``"vertical"``.
         window: first and last time [s].
         completed: whether lost markers have been estimated already.
+        trust: what is right, whatever the body shows (see `ergoqp.load_recording`).
     """
 
     body: Body | None = None
@@ -225,6 +234,7 @@ class ReadOptions:
     neutral: float | str | JointMotion | None = None
     window: tuple[float, float] | None = None
     completed: bool = False
+    trust: frozenset[str] = frozenset()
 
 
 def joints_of(
@@ -244,61 +254,130 @@ def joints_of(
         InputError: if there is no such subject.
     """
     ready = bool(motion.angles) and not motion.names
+    everything = dict.fromkeys(motion.names, "")
     if ready:
         # Only ready angles need it.
         from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
 
         place = placed_by_angles if own_angles(motion.angles) else posed
-        motion = place(motion, where, reading.body)
+        motion = place(motion, where, reading.body, reading.trust)
     naming, unit = reading.naming, reading.unit
     if reading.subject is not None or not _names_whom(naming, motion.names):
         motion = of_subject(motion, reading.subject, where)
-    landmarks, further, title = _landmarks(motion.names, naming, where)
-    if not landmarks:
+    skin = _landmarks(motion.names, naming)
+    if skin is None:
         used, found = naming_of(motion, naming, where)
+        lost = naming.missing_in(motion.names) if naming is not None else ()
+        motion.check_once((motion.names[i] for which in found.values() for i in which), where)
         more, turned = oriented(motion, used, found)
         shoulders, guessed = shoulders_of(motion, found)
         more, turned = more | shoulders, (*turned, *guessed)
         paths, rest = named_centres(motion, used, found, more)
-        said = (*motion.notes, *turned)
+        said = (*lost, *motion.notes, *turned)
         if not ready:
             said = (f"The joints are named as in the {used.title} skeleton.", *said)
         if unit is None and motion.unit is not None:
             said += (f"The unit of length is {motion.unit:g} m, as the file says.",)
         own = {motion.names[i] for which in found.values() for i in which}
+        uses = _uses(motion, found)
+        if AHEAD in turned:
+            head = motion.names[found["head"][0]]
+            uses[motion.in_file.get(head, head)] += " (the nose is guessed from its orientation)"
+        read = {**everything, **({} if ready else uses), **motion.columns}
+        names = motion.columns if ready else _own(motion, uses)
+        said += _unread(names, "columns" if ready else "joints")
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
-            _emptied(motion, things), paths, rest, unit or motion.unit, said, upright=ready
+            _emptied(motion, things),
+            paths,
+            rest,
+            unit or motion.unit,
+            said,
+            upright=ready,
+            read=read,
         )
-    return _of_markers(motion, where, (landmarks, further, title), reading, progress)
+    found = _of_markers(motion, where, skin, reading, progress)
+    used = {**skin.further, **skin.landmarks}
+    uses = _uses(motion, used)
+    for name in skin.others:
+        uses[motion.in_file.get(name, name)] += " (guessed: a name of another marker set)"
+    said = (*found.said, *_unread(_own(motion, uses), "markers"))
+    return replace(found, said=said, read={**everything, **uses, **motion.columns})
+
+
+def _uses(motion: JointMotion, used: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
+    """Return name in the file -> what it is used as, for the used joints or markers.
+
+    Args:
+        motion: the person's joints or markers.
+        used: centre, landmark or segment -> indices of its joints or markers.
+    """
+    found: dict[str, list[str]] = {}
+    for thing, which in used.items():
+        for i in which:
+            name = motion.names[i]
+            found.setdefault(motion.in_file.get(name, name), []).append(thing)
+    return {name: ", ".join(things) for name, things in found.items()}
+
+
+def with_objects(
+    read: Mapping[str, str], objects: Iterable[str], held: str | None
+) -> dict[str, str]:
+    """Return what a file's names are used as, with its objects; the markers of one are its own.
+
+    Args:
+        read: name in the file -> what it is used as.
+        objects: names of the objects.
+        held: the object that is held; None: none is.
+    """
+    uses = {name: "object" if name == held else "" for name in objects}
+    of_objects = {name: uses[parted(name)[0]] for name in read if parted(name)[0] in uses}
+    return {**read, **of_objects, **uses}
+
+
+def _own(motion: JointMotion, uses: Mapping[str, str]) -> dict[str, str]:
+    """Return the person's joints or markers, without their prefix -> what they are used as."""
+    return {name: uses.get(motion.in_file.get(name, name), "") for name in motion.names}
+
+
+def _unread(uses: Mapping[str, str], what: str) -> tuple[str, ...]:
+    """Return a sentence about the names that are not read, if there are any."""
+    left = [name for name, use in uses.items() if not use]
+    if not left:
+        return ()
+    return (f"{len(uses) - len(left)} of {len(uses)} {what} are read; not read: {some(left)}.",)
 
 
 def _of_markers(
-    motion: JointMotion,
-    where: str,
-    skin: tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str],
-    reading: ReadOptions,
-    progress: Progress,
+    motion: JointMotion, where: str, skin: _Skin, reading: ReadOptions, progress: Progress
 ) -> Found:
     """Return the joint centres of one person from markers, as `_landmarks` found them."""
     # A skeleton needs nothing of markers.
-    from ergoqp.mocap.markers.joints import joints_of_markers, off_origin, unit_of_markers
+    from ergoqp.mocap.markers.joints import (
+        in_order,
+        joints_of_markers,
+        off_origin,
+        unit_of_markers,
+    )
 
-    landmarks, further, title = skin
-    said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
+    landmarks, further, said = skin.landmarks, skin.further, skin.said
     # A joint centre may be at the file's origin, but a marker at the origin was not seen.
-    worn = {**further, **{name: which for name, which in landmarks.items() if name in LANDMARKS}}
+    worn = {**further, **_on_skin(landmarks)}
     motion = off_origin(motion, sorted({i for which in worn.values() for i in which}))
+    motion.check_once(
+        (motion.names[i] for which in (further | landmarks).values() for i in which), where
+    )
     shapes, stated = reading.shapes, reading.unit or motion.unit
-    motion, landmarks = _with_known(motion, landmarks, title, shapes)
+    motion, landmarks = _with_known(motion, landmarks, skin.title, shapes)
     size = unit_of_markers(motion, where, landmarks, stated)
     if stated is None:
         said += (f"The unit of length is taken as {size:g} m, from the width of the person.",)
     frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
-    sits = {i: name for name, which in (further | landmarks).items() for i in which}
+    sits = {i: name for name, which in (further | _on_skin(landmarks)).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
     used = {motion.names[i]: name for i, name in sits.items()}
-    paths, how, astray = joints_of_markers(
+    motion = in_order(motion, where, landmarks, size, "names" in reading.trust)
+    paths, how, astray, doubts = joints_of_markers(
         motion, where, landmarks, further, shapes, size, progress
     )
     check_placed(tuple(paths), where)
@@ -313,7 +392,13 @@ def _of_markers(
         frames,
         used,
         whole=_lacking(replace(motion, unit=size), used, astray),
+        doubts=doubts,
     )
+
+
+def _on_skin(landmarks: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+    """Return the landmarks without the joint centres that a mapping names beside."""
+    return {name: which for name, which in landmarks.items() if name in LANDMARKS}
 
 
 def _with_known(
@@ -364,31 +449,70 @@ def _names_whom(naming: Naming | None, names: tuple[str, ...]) -> bool:
     return theirs <= set(names) and any(parted(name)[0] for name in theirs)
 
 
-def _landmarks(
-    names: tuple[str, ...], naming: Naming | None, where: str
-) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str]:
-    """Return landmark -> indices of its markers, segment -> further markers, and the set's title.
+@dataclass(frozen=True)
+class _Skin:
+    """Markers on the skin, by their names.
 
-    All are empty if the names match those of joints better. A mapping may name joint centres beside
-    landmarks; these are returned with the landmarks.
+    Attributes:
+        landmarks: landmark -> indices of its markers; joint centres that a mapping names beside.
+        further: segment -> indices of its further markers.
+        title: the marker set.
+        said: sentences about the names.
+        others: markers that are named as in other sets.
     """
-    if naming is not None:
-        found = naming.found_in(names)
-        landmarks = {name: which for name, which in found.items() if name in LANDMARKS}
-        if not landmarks:
-            return {}, {}, ""
-        check_all_there(naming, found, names, where)
-        return found, {}, naming.title
-    best = best_set(names)
-    if best is None or best[1] <= max(len(known.found_in(names)) for known in known_namings()):
-        return {}, {}, ""
-    marker_set, place = best[0], {name: i for i, name in reversed(list(enumerate(names)))}
-    landmarks = {mark: (place[name],) for mark, name in marker_set.found_in(names).items()}
+
+    landmarks: dict[str, tuple[int, ...]]
+    further: dict[str, tuple[int, ...]]
+    title: str
+    said: tuple[str, ...]
+    others: tuple[str, ...] = ()
+
+
+def _landmarks(names: tuple[str, ...], mapping: Naming | None) -> _Skin | None:
+    """Return the markers on the skin; None if the names are those of joints.
+
+    A mapping is added to the known names.
+    """
+    joints = max(len(known.found_in(names)) for known in known_namings())
+    known = landmarks_in(names)
+    skin = _of_set(names, *known) if known is not None and len(known[1]) > joints else None
+    if mapping is None:
+        return skin
+    own = mapping.found_in(names)
+    # A mapping of joint centres reads the joints and not the markers beside, if it is enough.
+    if not any(name in LANDMARKS for name in mapping.centres) and (
+        skin is None or all(set(own) & set(needed) for needed in PLACED.values())
+    ):
+        return None
+    if skin is None:
+        return _Skin(own, {}, mapping.title, (_named(mapping.title), *mapping.missing_in(names)))
+    marks = added_to(mapping, own, skin.landmarks)
+    taken = {i for which in own.values() for i in which}
+    further = {
+        part: tuple(i for i in which if i not in taken) for part, which in skin.further.items()
+    }
+    said = (*skin.said, f"The {mapping.title} is added to them.", *mapping.missing_in(names))
+    others = tuple(name for name in skin.others if names.index(name) not in taken)
+    return _Skin(marks, further, skin.title, said, others)
+
+
+def _of_set(names: tuple[str, ...], best: MarkerSet, found: Mapping[str, str]) -> _Skin:
+    """Return the markers that a set, and other sets beside, find among some names."""
+    place = {name: i for i, name in reversed(list(enumerate(names)))}
+    own = best.found_in(names)
     further = {
         segment: tuple(place[name] for name in theirs)
-        for segment, theirs in marker_set.more_in(names).items()
+        for segment, theirs in best.more_in(names).items()
     }
-    return landmarks, further, marker_set.title
+    said = [_named(best.title)]
+    if others := tuple(name for mark, name in found.items() if mark not in own):
+        said.append(f"Named as in other sets: {some(others)}.")
+    marks = {mark: (place[name],) for mark, name in found.items()}
+    return _Skin(marks, further, best.title, tuple(said), others)
+
+
+def _named(title: str) -> str:
+    return f"The markers are named as in the {title} set."
 
 
 def _emptied(motion: JointMotion, things: Mapping[str, np.ndarray]) -> JointMotion:

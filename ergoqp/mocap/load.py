@@ -39,14 +39,16 @@ from ergoqp.mocap.assumptions import (
     unit_by_stature,
     windowed,
 )
-from ergoqp.mocap.fitting.axes import UPS, check_sides
+from ergoqp.mocap.fitting.axes import UPS
 from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
+from ergoqp.mocap.fitting.sides import check_sides
 from ergoqp.mocap.fitting.unknown import Doubt
 from ergoqp.mocap.fitting.validity import scored_frames, smoothed
-from ergoqp.mocap.formats.text import FASTEST, RATES, SLOWEST, TableOptions, short
+from ergoqp.mocap.formats.text import TableOptions, short
+from ergoqp.mocap.formats.times import FASTEST, RATES, SLOWEST
 from ergoqp.mocap.joints import ReadOptions as ReadOptions
-from ergoqp.mocap.joints import joints_of
+from ergoqp.mocap.joints import joints_of, with_objects
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
 from ergoqp.mocap.recording import JointMotion, Recording
@@ -103,6 +105,7 @@ def recording_of(
         )
     axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
     held = held_object(where, motion.objects, reading.thing, axes, centres, assumptions)
+    read = with_objects(found.read, motion.objects, None if held is None else held[0])
     markers = {name: path @ axes.T / unit for name, path in found.markers.items()}
     body, measured = reading.body, ()
     if body is None:
@@ -110,7 +113,7 @@ def recording_of(
     # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
-    upright, whole = found.upright, found.whole
+    upright, whole, arms = found.upright, found.whole, found.doubts
     del motion, found
     world = {}
     for name in list(paths):
@@ -121,7 +124,7 @@ def recording_of(
     assumptions.extend(said)
     # A nose that was assumed to point ahead of the trunk is no evidence.
     shown = {name: path for name, path in world.items() if name != "nose" or AHEAD not in found_out}
-    if unsure := check_sides(where, shown):
+    if unsure := check_sides(where, shown, trusted="sides" in reading.trust):
         assumptions.append(unsure)
     del shown
     posed = calibration_poses(world)
@@ -134,13 +137,13 @@ def recording_of(
     if neutral is not None and reading.neutral is None and neutral.trunk:
         neutral = _possible(neutral, body, world, time)
     along: dict[str, np.ndarray] = {}
-    doubt = Doubt()
+    doubt = Doubt(arms=arms)
     if neutral is not None:
         assumptions.append(neutral.sentence)
         shift = shift_of(world, neutral.trunk) if neutral.trunk else None
         if shift is not None:
             along = {name: shift for name in markers if above_hips(landmarks[name])}
-        doubt = Doubt(neutral.nods, others=_otherwise(neutral, body, world, time))
+        doubt = Doubt(neutral.nods, arms, _otherwise(neutral, body, world, time))
         world = straightened(world, neutral.trunk, neutral.neck)
 
     world = _in_one_block(world)
@@ -159,7 +162,7 @@ def recording_of(
         if more is not None:
             again = replace(reading, window=None, subject=None, completed=True)
             # Places on the body are those by the seen markers, including those left out.
-            return replace(recording_of(more, where, again, progress), markers=sits)
+            return replace(recording_of(more, where, again, progress), markers=sits, read=read)
     del whole, along
     if posed.any() and not posed.all():
         result = replace(result, not_scored={CALIBRATION: posed, **result.not_scored})
@@ -172,7 +175,7 @@ def recording_of(
         base_poses=_poses(result.pelvis),
         observed=result.observed,
         fit_error=result.error,
-        object_poses=held,
+        object_poses=None if held is None else held[1],
         assumptions=tuple(assumptions),
         person=body,
         errors=result.errors,
@@ -182,6 +185,7 @@ def recording_of(
         markers=sits,
         # From joint angles the centres have the lengths of the body that they were placed with.
         measured=() if upright else measured,
+        read=read,
     )
 
 
@@ -265,17 +269,18 @@ def _calibrated(
     markers: Mapping[str, np.ndarray],
     landmarks: Mapping[str, str],
 ) -> dict[str, Marker]:
-    """Return the places of markers on the body, from the scored frames if there are enough."""
+    """Return the places of markers on the body, from frames that are seen if there are enough."""
     if not markers:
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    shown = scored_frames(len(result.pelvis), {**result.not_scored, **result.doubts})[frames]
+    seen = result.observed[:, result.observed.any(axis=0)].all(axis=1)
+    shown = (seen & scored_frames(len(seen), result.not_scored))[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]
-    seen = {name: path[shown] for name, path in markers.items()}
-    return markers_on(body, result.pelvis[rows], result.postures[rows], seen, landmarks)
+    seen_at = {name: path[shown] for name, path in markers.items()}
+    return markers_on(body, result.pelvis[rows], result.postures[rows], seen_at, landmarks)
 
 
 def _in_one_block(paths: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -303,6 +308,8 @@ def _poses(pelvis: np.ndarray) -> np.ndarray:
     return poses
 
 
+TRUSTED: Final = ("names", "sides", "angles")
+"""What `load_recording` can be told to trust."""
 _READ: Final = 0.6
 """Share of the progress at which the file is read."""
 
@@ -320,6 +327,7 @@ def load_recording(
     thing: str | None = None,
     columns: Sequence[str] = (),
     rate: float | None = None,
+    trust: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Recording:
     """Read a motion-capture file and find the postures in it.
@@ -348,6 +356,10 @@ def load_recording(
         columns: names of the points of a table without names, three columns each.
         rate: frames per second of a table or of a folder of poses [Hz]; it is used instead of the
             file's own times.
+        trust: what is right although it looks impossible, of `TRUSTED`: ``"names"`` (markers are
+            where their names say), ``"sides"`` (left and right are as named), ``"angles"`` (unit
+            and sign of the file's own angles). Such a file is read, and a sentence says what
+            looked impossible.
         progress: is called with the share that is done.
 
     Returns:
@@ -373,7 +385,7 @@ def load_recording(
     path = path_of("recording", path)
     if isinstance(columns, str) or not all(isinstance(each, str) and each for each in columns):
         raise InputError(f"columns: got {shown(columns)}, allowed a list of names")
-    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate))
+    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate), _trusted(trust))
     reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     for what, name in (("subject", subject), ("thing", thing)):
         check_kind(what, name, (str, NoneType), "a name or None")
@@ -398,6 +410,7 @@ def fit_postures(
     up: str | None = "z",
     mapping: str | Path | None = None,
     neutral: float | str | Path | None = None,
+    trust: Sequence[str] = (),
 ) -> Recording:
     """Find the postures that belong to joint centres or markers in an array.
 
@@ -421,6 +434,7 @@ def fit_postures(
         up: the vertical axis as in `load_recording`; None finds it.
         mapping: as in `load_recording`.
         neutral: as in `load_recording`.
+        trust: as in `load_recording`.
 
     Raises:
         InputError: if an argument is invalid.
@@ -432,7 +446,8 @@ def fit_postures(
     motion = JointMotion(listed, places, np.arange(len(places)) / hertz)
     if wrong := lacking(motion):
         raise InputError(f"fit_postures: got {wrong}, allowed names (m,) and positions (n, m, 3)")
-    reading = _reading(person, unit_to_m, up, mapping, neutral, None, TableOptions())
+    asked = TableOptions(trust=_trusted(trust))
+    reading = _reading(person, unit_to_m, up, mapping, neutral, None, asked)
     return recording_of(normalised(motion), "positions", reading)
 
 
@@ -463,7 +478,15 @@ def _reading(
         naming=None if mapping is None else read_mapping(Path(mapping)),
         neutral=_neutral(neutral, asked),
         window=window,
+        trust=asked.trust,
     )
+
+
+def _trusted(trust: Sequence[str]) -> frozenset[str]:
+    listed = isinstance(trust, tuple | list) and all(isinstance(each, str) for each in trust)
+    if not listed or not set(trust) <= set(TRUSTED):
+        raise InputError(f"trust: got {shown(trust)}, allowed a list of {', '.join(TRUSTED)}")
+    return frozenset(trust)
 
 
 def _check_window(window: tuple[float, float]) -> None:

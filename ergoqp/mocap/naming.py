@@ -1,23 +1,15 @@
-"""Which names belong to which joint centre or landmark, and guesses of what others mean.
-
-Guess of what unknown joints are, from the words in their names.
-
-The guess is only shown to the user: in a message, and in a mapping file to be checked.
+"""Which names belong to which joint centre or landmark.
 
 Assignment of a recording's joints to the joint centres of the body, by their names. The known
-namings are data. All other names need a mapping file.
+namings are data. A mapping file adds to them, and all other names need one.
 """
 
 from __future__ import annotations
 
 import re
-import tomllib
-import unicodedata
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,6 +22,7 @@ from ergoqp.human import FRACTIONS, Body, Kinematics
 from ergoqp.human.body import GROWTH
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.mocap.formats.text import some
+from ergoqp.mocap.name_words import data_of, guessed
 from ergoqp.mocap.recording import JointMotion
 
 CENTRES: Final[tuple[str, ...]] = (
@@ -90,114 +83,16 @@ def parted(name: str) -> tuple[str, str]:
     return name[: max(at, 0)].lstrip("/"), name[at + 1 :]
 
 
-@cache
-def _data(name: str) -> dict[str, Any]:
-    """Return the content of a TOML file of this folder."""
-    file = resources.files("ergoqp.mocap").joinpath(name)
-    return tomllib.loads(file.read_text(encoding="utf-8"))
-
-
-def guessed(names: tuple[str, ...]) -> dict[str, str]:
-    """Return our centre -> the joint with the most similar name, if any is similar.
-
-    >>> guessed(("Skel_L_Elbow", "Skel_R_UpperArm", "box"))
-    {'right_shoulder': 'Skel_R_UpperArm', 'left_elbow': 'Skel_L_Elbow'}
-    """
-    known = _data("name_words.toml")
-    best: dict[str, tuple[int, int, str]] = {}
-    for name in names:
-        words = _words(name)
-        side = next((s for s, theirs in known["sides"].items() if set(words) & set(theirs)), None)
-        joined = {"".join(pair) for pair in pairwise(words)} | set(words)
-        if side is not None:
-            # As in "LeftHandThumb1". On the middle line a number belongs to the name, as in "c7".
-            joined |= {bare for word in joined if len(bare := word.rstrip("0123456789")) > 2}
-        said = [
-            (-len(word), rank, part)
-            for part, theirs in known["middle" if side is None else "sided"].items()
-            for rank, word in enumerate(theirs)
-            if word in joined
-        ]
-        if not said:
-            continue
-        # The longest word decides: "HandThumb" is a thumb.
-        _, rank, part = min(said)
-        centre = part if side is None else f"{side}_{part}"
-        # Of several names the one with the most usual and the fewest words is taken.
-        best[centre] = min(best.get(centre, (rank, len(words), name)), (rank, len(words), name))
-    order = [*known["middle"], *(f"{s}_{p}" for s in known["sides"] for p in known["sided"])]
-    return {centre: best[centre][2] for centre in order if centre in best}
-
-
-def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
-    """Return the text of a mapping file: a guess for each centre, or a line to be filled in.
-
-    Args:
-        names: names of the recording's joints.
-        wanted: our centres.
-    """
-    guess: Mapping[str, str] = guessed(names)
-    rows = [
-        "# Which joint of the recording is which centre of the body. These are guesses from the"
-        " names: check them.",
-        "# A list stands for the middle of several joints; lines that begin with # are ignored.",
-        *(
-            f"{centre} = {_quoted(guess[centre])}" if centre in guess else f'# {centre} = ""'
-            for centre in wanted
-        ),
-        "",
-        "# The recording has:",
-        *(f"#   {_quoted(name)}" for name in names),
-    ]
-    return "\n".join(rows) + "\n"
-
-
-def _words(name: str) -> list[str]:
-    """Return the words of a name in small letters: "LeftForeArm_2" has left, fore and arm."""
-    letters = unicodedata.normalize("NFC", name).translate(_UMLAUTS)
-    decomposed = unicodedata.normalize("NFD", letters)
-    plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
-    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*", plain)
-    known = {
-        word
-        for which in ("middle", "sided")
-        for theirs in _data("name_words.toml")[which].values()
-        for word in theirs
-    }
-    words = []
-    for part in (part.casefold() for part in parts):
-        # "LElbow" and "lElbow": the side is the first letter.
-        sided = part[0] in "lr" and part[1:] in known
-        words += [part[0], part[1:]] if sided else [part]
-    return words
-
-
-def _quoted(name: str) -> str:
-    """Return a name as a TOML string; a lone surrogate, which no file can hold, becomes "?"."""
-    text = name.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{"".join(each if each.isprintable() else _escaped(each) for each in text)}"'
-
-
-def _escaped(letter: str) -> str:
-    code = ord(letter)
-    return f"\\u{code:04x}" if code < 1 << 16 else f"\\U{code:08x}"
-
-
-_UMLAUTS: Final = str.maketrans(
-    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"}
-)
-
-
 _UNPAIRED: Final = ("pelvis", "trunk", "head")
 """Segments in the middle of the body."""
 
 
 LANDMARK_SEGMENTS: Final[dict[str, list[str]]] = {
-    **_data("landmarks.toml")["middle"],
+    **data_of("landmarks.toml")["middle"],
     **{
         f"{side}_{name}": [part if part in _UNPAIRED else f"{side}_{part}" for part in parts]
         for side in SIDES
-        for name, parts in _data("landmarks.toml")["sided"].items()
+        for name, parts in data_of("landmarks.toml")["sided"].items()
     },
 }
 """Landmark -> the segments that a marker there may be fixed to."""
@@ -214,7 +109,7 @@ Example:
 """
 
 
-RIGID: Final[dict[str, list[str]]] = _data("landmarks.toml")["rigid"]
+RIGID: Final[dict[str, list[str]]] = data_of("landmarks.toml")["rigid"]
 """Segments that are tracked as rigid shapes -> their landmarks."""
 
 
@@ -268,7 +163,7 @@ def above_hips(landmark: str) -> bool:
 @cache
 def known_sets() -> tuple[MarkerSet, ...]:
     """Return the sets of ``marker_sets.toml``, in its order."""
-    return tuple(_set(entry) for entry in _data("marker_sets.toml").values())
+    return tuple(_set(entry) for entry in data_of("marker_sets.toml").values())
 
 
 def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
@@ -276,6 +171,34 @@ def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
     counts = [(len(each.found_in(names)), each) for each in known_sets()]
     count, best = max(counts, key=lambda pair: pair[0])
     return (best, count) if count >= _LEAST else None
+
+
+def landmarks_in(names: tuple[str, ...]) -> tuple[MarkerSet, dict[str, str]] | None:
+    """Return the set with the most landmarks, and landmark -> marker by all sets; None if too few.
+
+    A landmark that this set does not find is found by a name of another set, if all sets mean the
+    same by it: one laboratory's names are seldom those of one guide.
+    """
+    best = max(known_sets(), key=lambda each: len(each.found_in(names)))
+    found = best.found_in(names)
+    taken = {*found.values(), *(name for theirs in best.more_in(names).values() for name in theirs)}
+    for name in names:
+        mark = _everywhere().get(squashed(name))
+        if mark is not None and mark not in found and name not in taken:
+            found[mark] = name
+    return (best, found) if len(found) >= _LEAST else None
+
+
+@cache
+def _everywhere() -> dict[str, str]:
+    """Return squashed name -> landmark, for the names by which all sets mean the same landmark."""
+    meanings: dict[str, set[str]] = {}
+    for each in known_sets():
+        for thing, theirs in (*each.landmarks.items(), *each.more.items()):
+            for name in theirs:
+                meanings.setdefault(squashed(name), set()).add(thing)
+    meant = {name: things.pop() for name, things in meanings.items() if len(things) == 1}
+    return {name: thing for name, thing in meant.items() if thing in LANDMARKS}
 
 
 def _set(entry: Mapping[str, Any]) -> MarkerSet:
@@ -327,6 +250,26 @@ class Naming:
         }
         return {centre: which for centre, which in found.items() if min(which) >= 0}
 
+    @property
+    def left_out(self) -> frozenset[str]:
+        """The centres that have an empty name: they are not read."""
+        return frozenset(centre for centre, theirs in self.centres.items() if theirs == ("",))
+
+    def missing_in(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return a sentence about the joints of this naming that are not among others, if any."""
+        found = self.found_in(names)
+        lost = {c: theirs for c, theirs in self.centres.items() if c not in found}
+        alone = {
+            name: ()
+            for centre, theirs in lost.items()
+            if centre not in self.left_out
+            for name in theirs
+            if not Naming("", {centre: (name,)}).found_in(names)
+        }
+        if not alone:
+            return ()
+        return (f"The {self.title} names {some(list(alone))}, which the recording does not have.",)
+
 
 @cache
 def known_namings() -> tuple[Naming, ...]:
@@ -338,14 +281,15 @@ def known_namings() -> tuple[Naming, ...]:
             entry.get("upright_rest", False),
             {name: (part, tuple(place)) for name, (part, place) in entry.get("turned", {}).items()},
         )
-        for entry in _data("namings.toml").values()
+        for entry in data_of("namings.toml").values()
     )
 
 
 def read_mapping(path: Path) -> Naming:
     """Read a mapping file of TOML lines ``our_centre = "their joint"``.
 
-    A line may also have a list of joints, which stands for their middle.
+    A line may also have a list of joints, which stands for their middle. The lines are added to the
+    known names. An empty name leaves out what the known names find.
 
     Args:
         path: the mapping file.
@@ -377,24 +321,47 @@ def naming_of(
 
     Args:
         motion: the recording's own joints.
-        mapping: naming of its joints; None tries the known namings.
+        mapping: naming that is added to the known ones; None: the known ones alone.
         where: the file's name, for messages.
 
     Raises:
-        RecordingError: if the joints are of no known naming, the mapping names joints that are not
-            in the recording, or the pelvis or the upper trunk cannot be placed.
+        RecordingError: if the joints are of no known naming, or the pelvis or the upper trunk
+            cannot be placed.
     """
+    naming = max(known_namings(), key=lambda known: _agreement(known, motion.names))
+    found = naming.found_in(motion.names)
+    known = len(found) >= min(_LEAST_MATCHED, len(motion.names)) and bool(found)
     if mapping is None:
-        naming = max(known_namings(), key=lambda known: _agreement(known, motion.names))
-        found = naming.found_in(motion.names)
-        if len(found) < min(_LEAST_MATCHED, len(motion.names)) or not found:
+        if not known:
             raise _unknown(motion.names, where)
-    else:
+        check_placed(found, where)
+        return naming, found
+    own = mapping.found_in(motion.names)
+    if known:
+        own = added_to(mapping, own, found)
+    if not known or set(own) <= set(mapping.centres):
         naming = mapping
-        found = naming.found_in(motion.names)
-        check_all_there(naming, found, motion.names, where)
-    check_placed(tuple(found), where)
-    return naming, found
+    check_placed(own, where, mapping.missing_in(motion.names))
+    return replace(naming, title=mapping.title), own
+
+
+def added_to(
+    mapping: Naming, own: Mapping[str, tuple[int, ...]], known: Mapping[str, tuple[int, ...]]
+) -> dict[str, tuple[int, ...]]:
+    """Return what a mapping finds, and what the known names find beside.
+
+    Args:
+        mapping: the mapping.
+        own: centre or landmark -> indices of its joints by the mapping.
+        known: the same by the known names. Joints with another meaning in the mapping are not used.
+    """
+    taken = {i for which in own.values() for i in which}
+    more = {
+        name: which
+        for name, which in known.items()
+        if name not in own and name not in mapping.left_out and not taken & set(which)
+    }
+    return {**own, **more}
 
 
 def named_centres(
@@ -436,37 +403,30 @@ def _unknown(names: tuple[str, ...], where: str) -> UnknownNamesError:
     )
 
 
-def check_all_there(
-    naming: Naming, found: Collection[str], names: tuple[str, ...], where: str
-) -> None:
-    """Raise if a mapping names joints that the recording does not have.
-
-    Raises:
-        RecordingError: if it does, with their names.
-    """
-    if missing := [
-        name for centre, theirs in naming.centres.items() if centre not in found for name in theirs
-    ]:
-        raise RecordingError(
-            f"{where}: the {naming.title} names {some(tuple(missing))}, which the recording does"
-            f" not have; it has {some(names)}"
-        )
+PLACED: Final = {
+    "the pelvis": ("pelvis", "right_hip", "left_hip"),
+    "the upper trunk": ("neck", "right_shoulder", "left_shoulder"),
+}
+"""Part of the body that every recording needs -> the centres of which one places it."""
 
 
-def check_placed(centres: Collection[str], where: str) -> None:
+def check_placed(centres: Collection[str], where: str, missing: Sequence[str] = ()) -> None:
     """Raise if the pelvis or the upper trunk cannot be placed from these centres.
+
+    Args:
+        centres: the centres.
+        where: the recording's name, for messages.
+        missing: sentences about names that the recording does not have.
 
     Raises:
         RecordingError: if so, with the centres that are needed.
     """
-    for part, needed in (
-        ("the pelvis", ("pelvis", "right_hip", "left_hip")),
-        ("the upper trunk", ("neck", "right_shoulder", "left_shoulder")),
-    ):
+    lost = "".join(f"; {each[0].lower()}{each[1:-1]}" for each in missing)
+    for part, needed in PLACED.items():
         if not any(centre in centres for centre in needed):
             raise RecordingError(
                 f"{where}: {part} cannot be placed; the recording needs at least one of"
-                f" {', '.join(needed)}"
+                f" {', '.join(needed)}{lost}"
             )
 
 

@@ -16,15 +16,8 @@ import numpy as np
 from ergoqp.arguments import Progress, shown, unmasked, unseen
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.mocap.fitting.axes import UPS
-from ergoqp.mocap.formats.text import (
-    BAG_MARKS,
-    FASTEST,
-    LONGEST,
-    SLOWEST,
-    TableOptions,
-    beginning,
-    is_number,
-)
+from ergoqp.mocap.formats.text import BAG_MARKS, TableOptions, beginning, is_number
+from ergoqp.mocap.formats.times import FASTEST, LONGEST, SLOWEST
 from ergoqp.mocap.recording import JointMotion
 from ergoqp.registry import check_free, own_term, registered
 

@@ -6,16 +6,18 @@ are in the recording's own unit and axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.mocap.fitting.unknown import Spans, spans_within, with_spans
 from ergoqp.mocap.fitting.validity import scored_frames
-from ergoqp.mocap.formats.text import count_of, count_repeated_frames, to_seconds
+from ergoqp.mocap.formats.text import count_of, short, some
+from ergoqp.mocap.formats.times import are_alike, count_repeated_frames, to_seconds
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,9 @@ class JointMotion:
         measures: the file's name of a body measure, in small letters -> its value [m].
         up: the file's vertical axis, one of `ergoqp.mocap.fitting.axes.UPS`; None if the file
             does not state it.
+        twice: names that the file has more than once with different content; the first is kept.
+        in_file: name -> its name in the file, where that is another.
+        columns: column of the file that is no point -> what it is used as; empty if not used.
 
     Example:
         >>> import numpy as np
@@ -59,6 +64,9 @@ class JointMotion:
     unit: float | None = None
     up: str | None = None
     measures: Mapping[str, float] = field(default_factory=dict)
+    twice: tuple[str, ...] = ()
+    in_file: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> np.ndarray:
         """Return the path of one joint centre, shape (n, 3) [file unit].
@@ -94,7 +102,48 @@ class JointMotion:
             positions=self.positions[:, places],
             rest=None if self.rest is None else self.rest[places],
             turns={keep[name]: each for name, each in self.turns.items() if name in keep},
+            twice=tuple(keep[name] for name in self.twice if name in keep),
+            in_file={new: self.in_file.get(name, name) for name, new in keep.items()},
         )
+
+    def once(self) -> JointMotion:
+        """Return the motion with unique names: of points with the same name the first is kept.
+
+        A sentence names them, and `twice` those that differ.
+        """
+        first: dict[str, int] = {}
+        again = [(i, name) for i, name in enumerate(self.names) if first.setdefault(name, i) != i]
+        if not again:
+            return self
+        paths = self.positions
+        differing = [n for i, n in again if not are_alike(paths[:, i], paths[:, first[n]]).all()]
+        repeated = list(dict.fromkeys(name for _, name in again))
+        return replace(
+            self,
+            names=tuple(first),
+            positions=paths[:, list(first.values())],
+            rest=None if self.rest is None else self.rest[list(first.values())],
+            notes=(*self.notes, said_twice(repeated)),
+            twice=tuple(dict.fromkeys([*self.twice, *differing])),
+        )
+
+    def check_once(self, used: Iterable[str], where: str) -> None:
+        """Raise if the file has a name that is used more than once, with different content.
+
+        Args:
+            used: names of joints, markers or angles.
+            where: the file's name, for messages.
+
+        Raises:
+            RecordingError: if so, with the name.
+        """
+        for name in used:
+            if name in self.twice:
+                raise RecordingError(
+                    f"{where}: got {short(name)} more than once with different numbers, allowed"
+                    " once; rename or remove one in the file, or read it without that name: a"
+                    ' mapping file with a line such as right_wrist = "" (mapping)'
+                )
 
 
 def with_times(
@@ -123,6 +172,11 @@ def with_times(
     motion = replace(motion if kept.all() else motion.at(kept), time=time)
     repeated = count_repeated_frames(motion.positions)
     return replace(motion, notes=(*notes, *motion.notes, *repeated))
+
+
+def said_twice(names: Sequence[str]) -> str:
+    """Return a sentence about names that a file has more than once."""
+    return f"In the file more than once, of which the first is used: {some(list(names))}."
 
 
 def count_note(stated: str, found: int, what: str) -> list[str]:
@@ -162,6 +216,9 @@ class Recording:
         measured: segments of the person whose lengths are measured in the recording; the others
             follow from the stature. Empty if the person was stated, or if the recording consists of
             joint angles.
+        read: name of a joint, marker, object or column in the file -> what it was used as
+            (``"right_wrist"``, ``"right_asis"``, ``"object"``), with words that say so if that is
+            guessed; empty if it was not used.
 
     Example:
         >>> import numpy as np
@@ -189,6 +246,7 @@ class Recording:
     spans: Spans = field(default_factory=dict)
     markers: Mapping[str, Marker] = field(default_factory=dict)
     measured: tuple[str, ...] = ()
+    read: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def scored(self) -> np.ndarray:

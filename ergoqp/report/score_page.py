@@ -94,6 +94,7 @@ def write_score_page(
             _over_time(movement, most, summary),
             _worst(recording, assessment, summary),
             _fit(recording, summary),
+            *_read(recording),
             *closing_sections(recording.assumptions, options),
         ],
         grey="not seen" if any((each < 0).any() for each in shown.values()) else "not scored",
@@ -306,6 +307,13 @@ def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]
             PageTable(head, segments, numeric=range(1, len(head))),
         ],
     )
+
+
+def _read(recording: Recording) -> list[Section]:
+    """Return the section with what was read, folded; none for a recording without names."""
+    rows = [(name, use or "not read") for name, use in recording.read.items()]
+    head = ("name in the file", "used as")
+    return [Section("What was read", tables=[PageTable(head, rows)], folded=True)] if rows else []
 
 
 def _fit(recording: Recording, summary: dict[str, Any]) -> Section:

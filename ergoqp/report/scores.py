@@ -137,7 +137,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     """Return the summary of a scored recording.
 
     Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``exact_frames`` (lowest and
-    highest score are equal), ``not_scored`` {cause: frames}, ``doubts`` {cause: scored frames},
+    highest score are equal), ``not_scored`` {cause: frames}, ``doubts`` {cause: frames},
     ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score of the
     likeliest postures over valid frames (null without one), and each with ``_low`` and ``_high``,
     of the lowest and of the highest scores; ``share`` {action level: share of the valid frames},
@@ -150,8 +150,8 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     ``observed``: share of the joints that it reads which are observed, mean over the valid
     frames}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``, ``max``}
     (null when unknown), ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of
-    the body that it sits on, ``residual_mm``, null if it is never seen}}; ``assumptions``. Frames
-    count from 0.
+    the body that it sits on, ``residual_mm``, null if it is never seen}}; ``read`` {name in the
+    file: what it was used as, empty if it was not}; ``assumptions``. Frames count from 0.
 
     Args:
         recording: the recording that was scored.
@@ -163,7 +163,6 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "_low": assessment.final_low[valid],
         "_high": assessment.final_high[valid],
     }
-    doubts = {cause: int((here & valid).sum()) for cause, here in recording.doubts.items()}
     outside = assessment.outside.sum(axis=0)
     error = 1e3 * recording.fit_error[np.isfinite(recording.fit_error)]
     statistics: dict[str, Any] = {}
@@ -182,7 +181,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "valid_frames": count,
         "exact_frames": int(np.sum(finals["_low"] == finals["_high"])),
         "not_scored": {cause: int(frames.sum()) for cause, frames in recording.not_scored.items()},
-        "doubts": {cause: frames for cause, frames in doubts.items() if frames},
+        "doubts": {cause: int(frames.sum()) for cause, frames in recording.doubts.items()},
         "duration_s": round(float(recording.time[-1] - recording.time[0]), 6),
         "stature_m": round(float(recording.person.stature), 4),
         **statistics,
@@ -204,6 +203,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
             }
             for name, marker in recording.markers.items()
         },
+        "read": dict(recording.read),
         "assumptions": list(recording.assumptions),
     }
 

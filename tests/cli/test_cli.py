@@ -288,7 +288,7 @@ class TestScore:
             )
         assert means[1] > means[0] >= means[2]
 
-    def test_a_trunk_that_cannot_be_right_is_in_doubt(self, ergoqp, demo, tmp_path):
+    def test_frames_that_show_no_posture_are_not_scored(self, ergoqp, demo, tmp_path):
         lines = Path(demo).read_text(encoding="utf-8").splitlines()
         first = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
         # The trunk of some frames is bent further back than anybody's.
@@ -301,17 +301,16 @@ class TestScore:
         (tmp_path / "odd.bvh").write_text("\n".join(lines), encoding="utf-8")
         outcome = ergoqp("score", "odd.bvh", "--out", "odd")
         assert outcome.status == 0, outcome.err
-        # They are within a second of frames that show one, so that they have a score.
-        assert "181 of 181 scored" in outcome.out
-        assert "In 20 of 181 frames a part of the body cannot be right" in outcome.out
+        assert "161 of 181 scored" in outcome.out
+        assert "20 of 181 frames are not scored" in outcome.out
         summary = json.loads((tmp_path / "odd" / "scores.json").read_text(encoding="utf-8"))
+        assert summary["valid_frames"] == 161
+        assert 20 in summary["not_scored"].values()
         assert summary["doubts"]["trunk beyond its range"] == 20
-        assert summary["exact_frames"] < 181
         with (tmp_path / "odd" / "scores.csv").open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
-        assert all((20 <= i < 40) == bool(row["doubts"]) for i, row in enumerate(rows))
-        assert {row["trunk_observed"] for row in rows[20:40]} == {"0"}
-        assert {row["trunk_observed"] for row in rows[:20]} == {"1"}
+        assert [row["valid"] for row in rows] == ["1"] * 20 + ["0"] * 20 + ["1"] * 141
+        assert all(bool(row["not_scored"]) == (row["valid"] == "0") for row in rows)
         assert not 20 <= summary["worst"]["frame"] < 40
 
     @pytest.mark.slow

@@ -128,9 +128,22 @@ class TestOptions:
         assert given_person(tmp_path / "anna.toml").stature == pytest.approx(1.75, abs=1e-3)
         assert ergoqp("score", "take.csv", "--rate", "30", "--person", "anna.toml").status == 0
 
-    @pytest.mark.parametrize("option", ["--subject", "--thing", "--columns", "--rate"])
+    @pytest.mark.parametrize("option", ["--subject", "--thing", "--columns", "--rate", "--trust"])
     def test_options_of_recordings_need_one(self, ergoqp, option):
         assert f"{option}: got" in mistake(ergoqp("run", "screwing", option, "30"))
+
+    def test_sides_that_are_trusted(self, ergoqp, tmp_path):
+        self.table(tmp_path / "take.csv")
+        head, rows = (tmp_path / "take.csv").read_text().split("\n", 1)
+        turned = {"right_": "left_", "left_": "right_"}
+        head = re.sub("right_|left_", lambda side: turned[side[0]], head)
+        (tmp_path / "take.csv").write_text(f"{head}\n{rows}")
+        assert "(trust sides)" in mistake(ergoqp("score", "take.csv", "--rate", "30"))
+        outcome = ergoqp("score", "take.csv", "--rate", "30", "--trust", "names, sides")
+        assert outcome.status == 0, outcome.err
+        assert "are taken as named, as stated, although" in " ".join(outcome.out.split())
+        said = mistake(ergoqp("score", "take.csv", "--rate", "30", "--trust", "side"))
+        assert "trust: got ('side',), allowed a list of names, sides, angles" in said
 
     def test_a_thing_that_is_not_there(self, ergoqp, tmp_path):
         self.table(tmp_path / "take.csv")

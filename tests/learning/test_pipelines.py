@@ -56,12 +56,21 @@ COSTS = {
 
 
 @pytest.mark.parametrize("name", COSTS)
-def test_columns_in_another_order_are_read_in_theirs(name: str) -> None:
+def test_columns_in_another_order_are_put_in_the_stated_one(name: str) -> None:
     columns = table(TURNED)
     estimator = COSTS[name].fit(columns, LABELS)
     cost = from_sklearn(estimator, STATED)
-    assert cost.coordinates.names == tuple(TURNED)
+    assert cost.coordinates.names == tuple(STATED)
     np.testing.assert_allclose(cost(postures()), estimator.predict(columns), atol=1e-9)
+    np.testing.assert_allclose(cost.predict(POINTS), estimator.predict(columns), atol=1e-9)
+
+
+@pytest.mark.parametrize("kernel", ["linear", "poly", "sigmoid"])
+def test_other_kernels_are_put_in_order_too(kernel: str) -> None:
+    columns = table(TURNED)
+    estimator = SVR(kernel=kernel).fit(columns, LABELS)
+    cost = from_sklearn(estimator, STATED)
+    np.testing.assert_allclose(cost.predict(POINTS), estimator.predict(columns), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +81,7 @@ def test_columns_in_another_order_are_read_in_theirs(name: str) -> None:
 def test_a_boundary_is_read_in_the_order_of_its_columns(machine: Any) -> None:
     columns = table(["Right elbow flexion [rad]", "Trunk Flexion", "neck-flexion"])
     model = OneClass.from_estimator(machine.fit(columns), STATED)
-    known = model.decision(model.coordinates.read(postures()))
+    known = model.decision(POINTS)
     np.testing.assert_allclose(known, machine.decision_function(columns), atol=1e-9)
 
 
@@ -82,6 +91,7 @@ def test_a_mixture_is_read_in_the_order_of_its_columns() -> None:
     plain = GaussianMixture(2, random_state=0).fit(np.column_stack([columns]))
     for cost in (Gmr.from_estimator(mixture, STATED), from_sklearn(mixture, STATED)):
         expected = Gmr.from_estimator(plain, TURNED)(postures())
+        np.testing.assert_allclose(cost.predict(POINTS), expected, atol=1e-9)
         np.testing.assert_allclose(cost(postures()), expected, atol=1e-9)
 
 

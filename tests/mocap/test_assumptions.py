@@ -56,6 +56,30 @@ def test_what_is_never_seen_is_not_held(thing: str | None) -> None:
     assert held(np.nan, thing) == (False, said)
 
 
+@pytest.mark.parametrize("name", ["giver_chest", "Chest", "Torso2", "LeftHand", "r_foot_marker"])
+def test_parts_of_a_body_are_not_held(name: str) -> None:
+    objects = {name: poses(1000.0)}
+    said: list[str] = []
+    assert held_object("take", objects, None, AXES, HANDS, said) is None
+    (sentence,) = said
+    assert sentence == (
+        f"Named as parts of a body and not taken as held: {name}; state it (thing) if one is."
+    )
+    said.clear()
+    assert held_object("take", objects, name, AXES, HANDS, said) is not None
+    said.clear()
+    both = {**objects, "hand_drill": poses(1000.0)}
+    assert held_object("take", both, None, AXES, HANDS, said) is not None
+    assert said[-1] == "The object that is held is hand_drill."
+
+
+def test_of_several_objects_none_is_held_unless_it_is_stated() -> None:
+    said: list[str] = []
+    objects = {name: poses(1000.0) for name in ("cup", "chest", "box")}
+    assert held_object("take", objects, None, AXES, HANDS, said) is None
+    assert said[0].startswith("The recording has 2 objects (cup, box); none is shown")
+
+
 def test_most_of_the_time_decides() -> None:
     assert held(np.where(np.arange(9) < 5, 1000.0, 50_000.0))[0]
     assert not held(np.where(np.arange(9) < 4, 1000.0, 50_000.0))[0]

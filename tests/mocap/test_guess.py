@@ -9,7 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ergoqp.mocap.naming import CENTRES, LANDMARKS, guessed, known_namings, read_mapping, template
+from ergoqp.mocap.name_words import guessed, template
+from ergoqp.mocap.naming import CENTRES, LANDMARKS, known_namings, read_mapping
 
 WANTED = (*CENTRES, *LANDMARKS)
 SIGNS = ("=", "'", "", " ", "[table]", "# comment", "C:\\hips", "tab\there", "\\u0041", 'R_Hip"\n')
@@ -82,6 +83,21 @@ def test_the_plainest_name_is_taken_and_each_once() -> None:
         "left_hip": "LeftUpLeg",
         "left_knee": "LeftLeg",
     }
+
+
+@pytest.mark.parametrize(
+    ("names", "centre", "right"),
+    [
+        (("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand"), "left_shoulder", "LeftArm"),
+        (("RightShoulder", "RightUpperArm", "x"), "right_shoulder", "RightUpperArm"),
+        (("r_clavicle", "r_shoulder", "r_uarm"), "right_shoulder", "r_uarm"),
+        (("LeftShoulder", "LeftElbow"), "left_shoulder", "LeftShoulder"),
+        (("LHipJoint", "LeftUpLeg", "LeftLeg"), "left_hip", "LeftUpLeg"),
+    ],
+)
+def test_the_bone_and_not_the_collar(names: tuple[str, ...], centre: str, right: str) -> None:
+    assert guessed(names)[centre] == right
+    assert f'{centre} = "{right}"' in template(names, WANTED)
 
 
 def test_most_joints_of_the_known_skeletons_are_guessed() -> None:

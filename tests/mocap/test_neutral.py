@@ -82,16 +82,17 @@ def test_drilling_overhead_bent_backward_is_bent() -> None:
     assert np.degrees(recording.postures[:, TRUNK]) == pytest.approx(-22, abs=0.5)
 
 
-def test_a_rest_pose_says_less_than_a_walk(tmp_path: Path) -> None:
+def test_a_rest_pose_says_whether_skeleton_or_person_leans(tmp_path: Path) -> None:
     _, time = walk()
     postures = fitted(walk()[0]).postures
     poses = np.tile(np.eye(4), (len(time), 1, 1))
-    for lean, lines in ((0.0, "rest pose"), (20.0, "walks")):
+    for lean, lines in ((0.0, "rest pose"), (20.0, "and not in the skeleton's rest pose")):
         bent = postures.copy()
         bent[:, TRUNK] += np.radians(lean)
         path = write_bvh(tmp_path / "walk.bvh", bent, poses, BODY, 1 / RATE)
         recording = load_recording(path)
-        assert trunk_score(recording) <= 1.1
+        assert np.degrees(recording.postures[:, TRUNK].mean()) == pytest.approx(lean, abs=1)
+        assert TRUNK not in recording.spans
         assert lines in " ".join(recording.assumptions)
 
 
@@ -229,3 +230,18 @@ def test_a_lean_is_told_with_its_direction(lean: float, said: str) -> None:
     sentence = stated_neutral(places, frames, "at 2 s").sentence
     assert f"the skeleton's trunk leans {said} by 10 deg there, and its neck " in sentence
     assert "ward by -" not in sentence
+
+
+@pytest.mark.parametrize("nod", [60.0, -60.0, 80.0, -80.0])
+def test_nobody_stands_straight_with_the_head_on_the_chest(nod: float) -> None:
+    places = walk()[0]
+    ahead, up = np.array([np.cos(0.4), np.sin(0.4), 0.0]), np.array([0.0, 0.0, 1.0])
+    tilt = np.radians(nod)
+    for name, length in (("head", 0.12), ("head_top", 0.3)):
+        places[name] = places["neck"] + length * (np.sin(tilt) * ahead + np.cos(tilt) * up)
+    frames = np.arange(len(places["neck"])) == 10
+    if abs(nod) < 70:
+        assert stated_neutral(places, frames, "at 2 s").neck == pytest.approx(tilt, abs=0.1)
+        return
+    with pytest.raises(RecordingError, match="neutral: got a posture at 2 s in which"):
+        stated_neutral(places, frames, "at 2 s")

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.recording_outcomes import outside
 from ergoqp.human import FRACTIONS, Body, Kinematics
-from ergoqp.joints import INDEX, SIDES
+from ergoqp.joints import INDEX, LOWER, SIDES
 from ergoqp.mocap import unseen
 from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
@@ -74,7 +75,7 @@ def test_an_average_person_would_not_do(monkeypatch: pytest.MonkeyPatch):
     assert elevation_off(*handled(60.0)) > 1.5 * found
 
 
-def test_without_an_orientation_the_arms_are_not_scored():
+def test_without_an_orientation_the_arms_are_not_seen():
     motion, _ = handled(60.0)
     recording = recording_of(
         JointMotion(motion.names, motion.positions, motion.time, unit=1.0, up="z"),
@@ -82,7 +83,10 @@ def test_without_an_orientation_the_arms_are_not_scored():
         ReadOptions(neutral="vertical"),
     )
     assert SAID not in recording.assumptions
-    assert not recording.scored.any()
+    assert recording.scored.all()
+    arms = [INDEX[f"{side}_shoulder_flexion"] for side in SIDES]
+    assert not recording.observed[:, arms].any()
+    np.testing.assert_allclose(recording.low[:, arms], np.tile(LOWER[arms], (len(motion.time), 1)))
 
 
 def test_what_is_lost_for_a_while():
@@ -90,6 +94,5 @@ def test_what_is_lost_for_a_while():
     motion.turns["Shoulder Center"][100:200] = np.nan
     motion.positions[300:330, motion.names.index("Left Elbow")] = np.nan
     recording = recording_of(motion, "take", ReadOptions(neutral="vertical"))
-    away = np.degrees(elevation_of(recording.postures)[0] - elevation_of(postures)[0])
-    assert not recording.scored[120:180].any()
-    assert np.abs(away[recording.scored]).max() < 12
+    assert not recording.observed[120:180, INDEX["right_shoulder_flexion"]].any()
+    assert outside(recording, postures).max() < 12

@@ -127,6 +127,25 @@ def test_scores_as_files(recording, tmp_path):
     )
 
 
+def test_what_was_read_is_in_the_file_and_folded_on_the_page(recording, tmp_path):
+    read = {"A:LASI": "left_asis", "A:<i>": ""}
+    recording = replace(recording, read=read)
+    assessment = reba.assess(recording.scored_postures)
+    _, summary = write_scores(recording, assessment, tmp_path)
+    assert json.loads(summary.read_text(encoding="utf-8"))["read"] == read
+    for given, there in ((recording, True), (replace(recording, read={}), False)):
+        write_score_page(given, assessment, tmp_path / "score.html", [])
+        page = (tmp_path / "score.html").read_text(encoding="utf-8")
+        assert ("What was read" in page) is there
+    write_score_page(recording, assessment, tmp_path / "score.html", [])
+    page = (tmp_path / "score.html").read_text(encoding="utf-8")
+    folded = page[page.index("<details") : page.rindex("</details>")]
+    assert "What was read" in folded
+    assert "A:LASI" in folded
+    assert "A:&lt;i&gt;" in folded
+    assert "not read" in folded
+
+
 def test_scores_of_a_recording_that_cannot_be_scored(recording, tmp_path):
     nothing = replace(
         recording,

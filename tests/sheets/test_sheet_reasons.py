@@ -129,3 +129,15 @@ def test_where_both_count_both_are_told():
         posture(trunk_twist=20, trunk_side_bend=-20), method=reba.Method(additive=True)
     ).reasons(0)
     assert sentences[1].endswith("; twisted left 20 deg: +1; bent to the right 20 deg: +1")
+
+
+@pytest.mark.parametrize(("worse", "other"), [("right", "left"), ("left", "right")])
+def test_of_the_arms_the_one_that_counts_is_named_alone(worse: str, other: str) -> None:
+    arms = {f"{worse}_shoulder_flexion": 100.0, f"{other}_shoulder_flexion": 50.0}
+    assessment = reba.assess(posture(trunk_flexion=30.0, **arms))
+    assert assessment.arm[0] == worse
+    assert assessment.segments[f"{other}_upper_arm"][0] > 1
+    named = " ".join(assessment.costly(0))
+    assert "trunk" in named
+    assert f"{worse} upper arm" in named
+    assert f"{other} upper arm" not in named

@@ -1,18 +1,12 @@
-"""Unit, axes, sides and lean of a skeleton, and the moment in which the person stands straight.
+"""Unit, axes and lean of a skeleton, and the moment in which the person stands straight.
 
 Conversion of the file's unit and axes to metres with x forward, y left, z up. What the file does
 not state is found from the body.
-
-Check that left and right are named correctly, by the direction in which a body faces.
-
-The left and the right hip (or shoulder) define the forward direction. If toes, nose, knees or hands
-show the opposite, the names are exchanged or an axis is mirrored, and the angles of both shoulders
-would be wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -21,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
 from ergoqp.mocap.fitting.neutral import first_middle, stands_straight
-from ergoqp.mocap.fitting.posture import every_centre
 
 UNITS: Final[dict[str, float]] = {
     "m": 1.0,
@@ -168,93 +161,3 @@ def _middle(centres: Mapping[str, np.ndarray], choices: tuple[tuple[str, ...], .
     # There is such a group: recordings without pelvis or upper trunk have been refused before.
     group = next(group for group in choices if any(name in centres for name in group))
     return np.mean([centres[name] for name in group if name in centres], axis=0)
-
-
-_CLEAR: Final = 0.8
-"""Share of frames that have to show the same direction."""
-_BENT: Final = np.cos(np.radians(25))
-"""Cosine between the bones of a leg above which the knee shows no direction."""
-_REACHES: Final = 0.5
-"""Least distance of hands in front of or behind the shoulders that counts [length of the trunk]."""
-
-
-def check_sides(where: str, places: Mapping[str, np.ndarray]) -> str:
-    """Raise if the person faces backward; return a sentence if nothing shows the direction.
-
-    The first clear evidence decides: toes, nose, bent knees, hands away from the trunk.
-
-    Args:
-        where: the recording's name, for messages.
-        places: centre -> positions (n, 3), any unit, along our axes.
-
-    Returns:
-        A sentence that states the assumption, or an empty text.
-
-    Raises:
-        RecordingError: if left and right are exchanged, or an axis is mirrored.
-    """
-    top = first_middle(places, _SHOULDERS, ("neck",))
-    hips = first_middle(places, _HIPS, ("pelvis",))
-    pair = next((p for p in (_HIPS, _SHOULDERS) if all(name in places for name in p)), None)
-    if top is None or hips is None or pair is None:
-        return ""
-    left, trunk = places[pair[1]] - places[pair[0]], top - hips
-    ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1).astype(float)
-    # A trunk that is level or upside down does not show left and right.
-    ahead[~(trunk[:, 2] > 0.5 * np.linalg.norm(trunk, axis=1))] = np.nan
-    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
-    for what, ways in _evidence(every_centre(places), ahead, trunk):
-        ways = ways[np.isfinite(ways)]
-        if len(ways) < _FEW or max((ways > 0).mean(), (ways < 0).mean()) < _CLEAR:
-            continue
-        if np.median(ways) > 0:
-            return ""
-        raise RecordingError(
-            f"{where}: {what} backward: left and right are exchanged, or an axis is mirrored;"
-            " exchange the names (mapping) or reverse the axis"
-        )
-    return (
-        "Left and right are taken as named, because no toe, nose, bent knee or reaching hand shows"
-        " which way the person faces."
-    )
-
-
-def _evidence(
-    place: Mapping[str, np.ndarray], ahead: np.ndarray, trunk: np.ndarray
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield each evidence in words, and how far it points forward; NaN where unknown.
-
-    Args:
-        place: every centre -> positions (n, 3).
-        ahead: the horizontal forward direction (n, 3); NaN while the trunk is not upright.
-        trunk: vector from the hips to the top of the trunk (n, 3).
-    """
-    legs = [[place[f"{s}_{name}"] for name in ("hip", "knee", "ankle", "toe")] for s in SIDES]
-    yield "the feet point", np.concatenate([_toes(ahead, *leg[1:]) for leg in legs])
-    yield "the nose points", _along(ahead, place["nose"] - place["head"])
-    yield "the knees bend", np.concatenate([_knees(ahead, *leg[:3]) for leg in legs])
-    # Forward here is perpendicular to the trunk, not along the floor, so a tilt does not matter.
-    size = np.linalg.norm(trunk, axis=1, keepdims=True)
-    left = np.stack([-ahead[:, 1], ahead[:, 0], 0 * ahead[:, 0]], axis=1)
-    before = np.cross(left, trunk / np.maximum(size, 1e-12))
-    reaches = [_along(before, place[f"{s}_wrist"] - place[f"{s}_shoulder"]) for s in SIDES]
-    far = [np.where(np.abs(reach) > _REACHES * size[:, 0], reach, np.nan) for reach in reaches]
-    yield "the hands reach", np.concatenate(far)
-
-
-def _toes(ahead: np.ndarray, knee: np.ndarray, ankle: np.ndarray, toe: np.ndarray) -> np.ndarray:
-    # A person who kneels has the toes behind.
-    shank = knee - ankle
-    stands = shank[:, 2] > 0.7 * np.linalg.norm(shank, axis=1)
-    return np.where(stands, _along(ahead, toe - ankle), np.nan)
-
-
-def _knees(ahead: np.ndarray, hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray) -> np.ndarray:
-    thigh, shank = knee - hip, ankle - knee
-    size = np.linalg.norm(thigh, axis=1) * np.linalg.norm(shank, axis=1)
-    bent = (thigh * shank).sum(axis=1) < _BENT * size
-    return np.where(bent, _along(ahead, knee - (hip + ankle) / 2), np.nan)
-
-
-def _along(ahead: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    return (ahead * vector).sum(axis=1)

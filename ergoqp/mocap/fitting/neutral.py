@@ -149,6 +149,8 @@ _LITTLE: Final = math.radians(5)
 """Largest lean of the trunk that is not corrected otherwise: the sheet calls it upright [rad]."""
 _SURE: Final = math.radians(2)
 """Largest lean of the trunk in a walk that needs no confirmation [rad]."""
+_UPRIGHT: Final = math.radians(3)
+"""Largest lean of the trunk of a person who stands upright, by a skeleton that does not lean."""
 _NODS: Final = (math.radians(-10), math.radians(35))
 """Lean of the neck to the trunk in skeletons of people who look ahead [rad]."""
 _LONG: Final = 1.0
@@ -221,9 +223,9 @@ def neutral_of(
     """
     trunk, neck = leans(places)
     posed, walks = calibration_poses(places), _long(_walks(places, time), time)
-    stands = stands_straight(places) & _arms_hang(places) & ~walks & ~posed
+    stands = _stand(stands_straight(places) & _arms_hang(places) & ~walks & ~posed, trunk, time)
     found: dict[str, tuple[float, float]] = {}
-    for when, frames in ((_T_POSE, posed), (_WALK, walks), (_STAND, _long(stands, time))):
+    for when, frames in ((_T_POSE, posed), (_WALK, walks), (_STAND, stands)):
         if (lean := _medians(trunk[frames], neck[frames])) is not None:
             found[when] = lean
     if rest and (lean := _medians(*leans({name: place[None] for name, place in rest.items()}))):
@@ -300,6 +302,25 @@ def _hull(*values: float) -> tuple[float, float]:
 def _long(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return some frames (n,) bool, or none of them if they are too short to tell a lean."""
     return frames if _duration(frames, time) >= _LONG else np.zeros_like(frames)
+
+
+def _stand(stands: np.ndarray, trunk: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames of standing (n,) bool that may tell a lean; often none.
+
+    Who works stands bent as well. So only an upright part counts, if it is a second and a tenth of
+    the standing, or all of a standing that leans backward, which nobody does at work.
+
+    Args:
+        stands: frames in which the person stands with hanging arms (n,) bool.
+        trunk: forward lean of the trunk (n,) [rad].
+        time: times of the frames (n,) [s].
+    """
+    stands = stands & np.isfinite(trunk)
+    upright = stands & (np.abs(trunk) < _UPRIGHT)
+    if upright.sum() >= 0.1 * stands.sum() and _duration(upright, time) >= _LONG:
+        return upright
+    back = stands.any() and np.nanmedian(trunk[stands]) < -_WALKER
+    return _long(stands, time) if back else np.zeros_like(stands)
 
 
 def _medians(trunk: np.ndarray, neck: np.ndarray) -> tuple[float, float] | None:

@@ -39,13 +39,14 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.mocap.fitting.unknown import Doubt, Spans, spans_of
+from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, pieces_of, spans_of
 from ergoqp.mocap.fitting.validity import (
     Usual,
     angle_between,
     doubtful,
     filled,
     placed_by_body,
+    rms,
     steady,
     usual_lengths,
     without_trunk,
@@ -400,7 +401,7 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     hips = either((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
     shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
     neck = either(place["neck"], shoulders)
-    yaw = _unwrapped(_heading(place), time)
+    yaw = _unwrapped(_heading(place, time), time)
     pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
     upright = Rotation.from_euler("Z", yaw[:, None])
     trunk, trunk_told, axes = _segment(
@@ -432,12 +433,17 @@ def _segment(
     return angles | {f"{name}_twist": twist}, told, axes * Rotation.from_euler("Z", twist[:, None])
 
 
-def _heading(place: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the heading of the body (n,) [rad], from the best pair that is seen; NaN: none."""
-    yaw = np.full(len(place["neck"]), np.nan)
+def _heading(place: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return the heading of the body (n,) [rad]; NaN: unknown.
+
+    It is that of the best pair that is seen in the frame or near in time: limbs turn against the
+    body.
+    """
+    yaw = np.full(len(time), np.nan)
     for pair in _PAIRS:
         left = place[f"left_{pair}"] - place[f"right_{pair}"]
-        yaw = np.where(np.isfinite(yaw), yaw, np.arctan2(-left[:, 0], left[:, 1]))
+        far = away_from(np.isfinite(yaw), time) > NEAR
+        yaw = np.where(far, np.arctan2(-left[:, 0], left[:, 1]), yaw)
     return yaw
 
 
@@ -451,6 +457,14 @@ def _unwrapped(yaw: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 def _within_range(joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.clip(filled(angles, time), LOWER[INDEX[joint]], UPPER[INDEX[joint]])
+
+
+_SHOULDER: Final = ("flexion", "abduction", "rotation")
+
+
+def _between(angles: np.ndarray, seen: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return angles (n,) [rad], interpolated where they are not seen."""
+    return filled(np.where(seen, angles, np.nan), time)
 
 
 _BLOCK: Final = 8192
@@ -485,12 +499,7 @@ class Fit:
     @property
     def error(self) -> np.ndarray:
         """Root of the mean squared distance of the seen centres (n,) [m]; NaN: none is seen."""
-        total, count = np.zeros(len(self.pelvis)), np.zeros(len(self.pelvis))
-        for each in self.errors.values():
-            seen = np.isfinite(each)
-            total += np.where(seen, each, 0.0) ** 2
-            count += seen
-        return np.sqrt(total / np.where(count, count, np.nan))
+        return rms(self.errors, len(self.pelvis))
 
 
 def fit(
@@ -546,11 +555,12 @@ def fit(
                 known = whole.doubts.setdefault(cause, np.zeros(count, dtype=bool))
                 known[rows] = frames[here]
         progress(stop / count)
-    lost = without_trunk(whole.observed, time)
+    apart = pieces_of(places, time)
+    lost = without_trunk(whole.observed, apart)
     return replace(
         whole,
         not_scored={"trunk not seen": lost} if lost.any() else {},
-        spans=spans_of(whole.postures, whole.observed, time, doubt),
+        spans=spans_of(whole.postures, whole.observed, apart, doubt),
     )
 
 
@@ -590,6 +600,13 @@ def _fitted(
             told |= {f"{side}_{joint}": each for joint, each in seen.items()}
     postures = np.stack([angles[joint] for joint in JOINTS], axis=1)
     observed = np.stack([told[joint] for joint in JOINTS], axis=1)
+    # An arm is measured from the trunk.
+    held = [INDEX[f"{side}_shoulder_{joint}"] for side in SIDES for joint in _SHOULDER]
+    lost = ~spine.told["trunk_flexion"]
+    if lost.any():
+        observed[np.ix_(lost, held)] = False
+        for joint in held:
+            postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)
     fitted = centres_of(body, spine.pelvis, postures)
     errors = {
         centre: np.linalg.norm(fitted[centre] - path, axis=1)
@@ -598,8 +615,8 @@ def _fitted(
     }
     errors = placed_by_body(errors, observed)
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes, wrong = doubtful(places, fitted, found.error, usual, time)
+    causes, wrong = doubtful(places, fitted, errors, usual, time)
     for joint in np.flatnonzero((wrong & observed).any(axis=0)):
         observed[:, joint] &= ~wrong[:, joint]
-        postures[:, joint] = filled(np.where(observed[:, joint], postures[:, joint], np.nan), time)
+        postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)
     return replace(found, doubts=causes), second

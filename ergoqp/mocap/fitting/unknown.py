@@ -13,18 +13,27 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 
 NEAR: Final = 1.0
 """Time from an angle that is seen after which nothing is known of it any more [s]."""
-_LAGS: Final = (0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
+_TIMES: Final = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
 """Times over which the movement of an angle is measured [s]."""
-_MOST: Final = 0.99
+_MOST: Final = 0.995
 """Share of the movements of a recording that stay within the ends."""
+_FASTEST: Final = 12.0
+"""Largest speed of a part of the body [m/s]."""
 _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
+_TURNS: Final = 18
+"""Number of pronations that are tried."""
+_FREE: Final = 0.25
+"""Time in which an angle may move through its whole range if its movements are not measured [s]."""
 _SAMPLE: Final = 4000
 """Number of movements that are measured, about."""
+
+Ends = tuple[np.ndarray, np.ndarray]
+"""Lower and upper ends of an angle, each (n,) [rad]."""
 
 Spans = dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Number of a joint -> the frames in which its angle is not known (k,), and its lower and upper
@@ -37,7 +46,8 @@ class Doubt:
 
     Attributes:
         neck: lowest and highest change of the neck's flexion [rad].
-        arms: side -> largest angle between the upper arm and the recorded one (n,) [rad].
+        arms: ``right_upper_arm``, ``left_upper_arm`` -> largest angle between the arm and the
+            recorded one (n,) [rad].
         others: other postures that the recording may show (n, 32) [rad].
     """
 
@@ -60,6 +70,7 @@ def spans_of(
     found: Spans = {}
     changes = {} if doubt is None else _changes(postures, doubt)
     others = () if doubt is None else doubt.others
+    hands = _turned_hands(postures, observed)
     for joint in range(len(JOINTS)):
         low = high = angles = postures[:, joint]
         for other in others:
@@ -71,6 +82,8 @@ def spans_of(
             seen = observed[:, joint]
             ends = _unseen(angles, seen, time, float(LOWER[joint]), float(UPPER[joint]))
             low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
+        if joint in hands:
+            low, high = np.minimum(low, hands[joint][0]), np.maximum(high, hands[joint][1])
         frames = np.flatnonzero(low < high).astype(np.int32)
         if len(frames):
             low, high = (end[frames].astype(np.float32) for end in (low, high))
@@ -78,47 +91,141 @@ def spans_of(
     return found
 
 
+def away_from(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the time from the nearest of some frames (n,) bool (n,) [s]; infinite without one."""
+    known = np.flatnonzero(frames)
+    if not len(known):
+        return np.full(len(time), np.inf)
+    before, after = _neighbours(known, np.arange(len(time)))
+    return np.minimum(np.abs(time - time[before]), np.abs(time[after] - time))
+
+
+def _turned_hands(postures: np.ndarray, observed: np.ndarray) -> dict[int, Ends]:
+    """Return the ends of the angles of wrists (n,) [rad] where the forearm's pronation is unknown.
+
+    The bend between forearm and hand is seen, and pronation shares it between flexion and
+    deviation.
+    """
+    found: dict[int, Ends] = {}
+    for side in SIDES:
+        pronation, flexion, deviation = (
+            INDEX[f"{side}_{joint}"]
+            for joint in ("forearm_pronation", "wrist_flexion", "wrist_deviation")
+        )
+        rows = np.flatnonzero(observed[:, flexion] & ~observed[:, pronation])
+        if not len(rows):
+            continue
+        read = postures[rows][:, [flexion, deviation]]
+        down = np.cos(read[:, 0]) * np.cos(read[:, 1])
+        ahead, aside = np.sin(read[:, 0]) * np.cos(read[:, 1]), np.sin(read[:, 1])
+        ends = [read.copy(), read.copy()]
+        for turn in np.linspace(LOWER[pronation], UPPER[pronation], _TURNS):
+            bent = np.arctan2(ahead * np.cos(turn) + aside * np.sin(turn), down)
+            out = np.arcsin(np.clip(aside * np.cos(turn) - ahead * np.sin(turn), -1, 1))
+            both = np.column_stack([bent, out])
+            # Nobody bends a wrist to the side by more than its range.
+            can = ((out >= LOWER[deviation]) & (out <= UPPER[deviation]))[:, None]
+            ends[0] = np.where(can, np.minimum(ends[0], both), ends[0])
+            ends[1] = np.where(can, np.maximum(ends[1], both), ends[1])
+        for k, joint in enumerate((flexion, deviation)):
+            low, high = postures[:, joint].copy(), postures[:, joint].copy()
+            low[rows], high[rows] = ends[0][:, k], ends[1][:, k]
+            found[joint] = low, high
+    return found
+
+
+def pieces_of(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return times (n,) [s] in which frames on both sides of a cut are not near each other.
+
+    A cut is where the whole body is elsewhere at once. Frames between in which nobody is seen are
+    near neither side.
+
+    Args:
+        places: centre -> positions (n, 3) [m], NaN where not seen.
+        time: times of the frames (n,) [s].
+    """
+    shown = np.logical_or.reduce([np.isfinite(path[:, 0]) for path in places.values()])
+    frames = np.flatnonzero(shown)
+    most = (_FASTEST * np.diff(time[frames])) ** 2
+    fast, seen = np.zeros(len(most), dtype=int), np.zeros(len(most), dtype=int)
+    for path in places.values():
+        moved = (np.diff(path[frames], axis=0) ** 2).sum(axis=1)
+        fast += moved > most
+        seen += np.isfinite(moved)
+    cut, cuts = 2 * fast > seen, np.zeros(len(time))
+    cuts[frames[:-1][cut] + 1] += 1
+    cuts[frames[1:][cut]] += 1
+    return time + 2 * NEAR * np.cumsum(cuts)
+
+
+def _neighbours(known: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the last of some known frames before each of others, and the first after it."""
+    after = np.searchsorted(known, frames)
+    return known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
+
+
 def _unseen(
     angles: np.ndarray, seen: np.ndarray, time: np.ndarray, lower: float, upper: float
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Ends:
     """Return the ends of an angle (n,), which is seen in some of the frames."""
     if not seen.any():
         return np.full(len(angles), lower), np.full(len(angles), upper)
     low, high = angles.copy(), angles.copy()
     lost, known = np.flatnonzero(~seen), np.flatnonzero(seen)
-    after = np.searchsorted(known, lost)
-    before, after = known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]
-    away = np.minimum(np.abs(time[lost] - time[before]), np.abs(time[after] - time[lost]))
+    before, after = _neighbours(known, lost)
+    since, until = np.abs(time[lost] - time[before]), np.abs(time[after] - time[lost])
+    near = np.minimum(since, until)
     between = np.interp(time[lost], time[known], angles[known])
-    reach = np.interp(away, (0.0, *_LAGS), [0.0, *_moves(angles, seen, time, upper - lower)])
-    reach[away > NEAR] = np.inf
+    # A smooth movement is as far from the line across a gap as in the middle of a gap of this half.
+    half = np.sqrt(since * until)
+    inside = (before < lost) & (lost < after) & (since + until < 2 * NEAR)
+    between = np.where(inside, between, angles[np.where(since < until, before, after)])
+    alone, across = _moves(angles, seen, time, upper - lower)
+    reach = np.where(inside, np.interp(half, _TIMES, across), np.interp(near, _TIMES, alone))
+    # Where the angle changes faster than it ever does, it may jump anywhere in the gap.
+    change = np.abs(angles[after] - angles[before])
+    leaps = inside & (change > np.interp(since + until, _TIMES, alone))
+    reach = np.where(leaps, np.maximum(reach, change), reach)
+    reach[near > NEAR] = np.inf
     # What the frames around suggest is within the ends, too.
     low[lost] = np.minimum(np.maximum(between - reach, lower), angles[lost])
     high[lost] = np.maximum(np.minimum(between + reach, upper), angles[lost])
     return low, high
 
 
-def _moves(angles: np.ndarray, seen: np.ndarray, time: np.ndarray, whole: float) -> list[float]:
-    """Return how far an angle (n,) moves in the times of `_LAGS` [rad]; at most its whole range."""
+def _moves(
+    angles: np.ndarray, seen: np.ndarray, time: np.ndarray, whole: float
+) -> tuple[list[float], list[float]]:
+    """Return how far an angle (n,) gets in the times of `_TIMES` [rad].
+
+    First from where it was, then from the middle between where it was and where it will be.
+    """
     step = float(np.median(np.diff(time))) if len(time) > 1 else NEAR
-    found = []
-    for lag in _LAGS:
+    alone, across = [0.0], [0.0]
+    for lag in _TIMES[1:]:
         frames = max(1, round(lag / step))
-        both = np.flatnonzero(seen[frames:] & seen[:-frames])
-        both = both[:: max(1, len(both) // _SAMPLE)]
-        moved = np.abs(angles[both + frames] - angles[both])
-        # Without enough of them the angle may move through its whole range in a second.
-        free = whole * lag / NEAR
-        found.append(float(np.quantile(moved, _MOST)) if len(both) >= _PAIRS else free)
-    return np.maximum.accumulate(found).tolist()
+        free = whole * min(1.0, lag / _FREE) ** 0.5
+        for found, ends in ((alone, (0, frames)), (across, (-frames, frames))):
+            told = seen.copy()
+            told[: -ends[0]] = False
+            told[max(len(told) - ends[1], 0) :] = False
+            for end in ends:
+                told &= np.roll(seen, -end)
+            at = np.flatnonzero(told)
+            at = at[:: max(1, len(at) // _SAMPLE)]
+            moved = np.abs(angles[at] - (angles[at + ends[0]] + angles[at + ends[1]]) / 2)
+            moved *= 2.0 if ends[0] == 0 else 1.0
+            found.append(float(np.quantile(moved, _MOST)) if len(at) >= _PAIRS else free)
+    return np.maximum.accumulate(alone).tolist(), np.maximum.accumulate(across).tolist()
 
 
-def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, Ends]:
     """Return by how much angles may be off: joint -> lowest and highest change (n,) [rad]."""
     found, count = {}, len(postures)
     if doubt.neck[0] < doubt.neck[1]:
         found[INDEX["neck_flexion"]] = tuple(np.full(count, end) for end in doubt.neck)
-    for side, off in doubt.arms.items():
+    for arm, half in doubt.arms.items():
+        side, off = arm.partition("_")[0], half.astype(float)
         flexion, abduction, rotation, elbow = (
             INDEX[f"{side}_{joint}"]
             for joint in (

@@ -36,8 +36,8 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
-from ergoqp.mocap.fitting.unknown import NEAR
-from ergoqp.mocap.formats.text import are_alike
+from ergoqp.mocap.fitting.unknown import NEAR, away_from
+from ergoqp.mocap.formats.times import are_alike
 
 _NOISE: Final = np.radians(1.0) ** 2
 """Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""
@@ -98,7 +98,7 @@ def filled(measured: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 BRIDGED: Final = 0.2
-"""Longest gap of a lost joint that is interpolated [s]."""
+"""Longest time between two wrong frames that is wrong, too [s]."""
 _LEAP: Final = 300.0
 """Change of a bone's angular velocity above which it jumps [rad/s^2]; hammering reaches 130."""
 _MOVED: Final = 0.03
@@ -161,15 +161,15 @@ def between_leaps(leaping: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> n
     marks, at = np.zeros(2 * len(time) - 1, dtype=bool), np.empty(2 * len(time) - 1)
     marks[::2], at[::2] = wrong, time
     marks[1::2], at[1::2] = leaping, (time[:-1] + time[1:]) / 2
-    return closed(marks, at)[::2]
+    return closed(marks, at, NEAR)[::2]
 
 
-def closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return some frames, and all between two of them that are less than `BRIDGED` apart."""
+def closed(frames: np.ndarray, time: np.ndarray, most: float = BRIDGED) -> np.ndarray:
+    """Return some frames, and all between two of them that are less than some time [s] apart."""
     if not frames.any():
         return frames
     between, before, after = gaps(frames)
-    return frames | (between & (time[after] - time[before] < BRIDGED))
+    return frames | (between & (time[after] - time[before] < most))
 
 
 def gaps(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -321,12 +321,18 @@ def _density(path: np.ndarray, time: np.ndarray, linked: np.ndarray, tremble: fl
     return np.maximum(_LIVELY, (mean - 6 * tremble**2) / (2 / 3 * (lag * step) ** 3))
 
 
-_OFF: Final = np.radians(10.0)
-"""Largest angle between a bone of the body and the recorded one [rad]: half a band of the sheet."""
+_OFF: Final = np.radians(20.0)
+"""Largest angle between a bone of the body and the recorded one [rad].
+
+It arises where the recorded angle is beyond the range of its joint. All ranges end within an outer
+band of the sheet, so the score is right for people who move farther than most.
+"""
 _RIGID: Final = 0.001
 """Variation of a rigid skeleton's bones is below this share of their length."""
-_LEAST: Final = 0.02
-"""Share by which such a bone may be longer or shorter; with a sideways error it is 12 degrees."""
+_LEAST: Final = 0.015
+"""Share by which such a bone may be longer or shorter; with a sideways error it is 10 degrees."""
+_STEADY: Final = 0.1
+"""Share of its length by which a bone may vary that shows where its ends are."""
 _USUALLY: Final = 6.0
 """Factor on its usual variation by which another bone may be longer or shorter."""
 _MOST: Final = 0.3
@@ -362,7 +368,12 @@ def _of(side: str, joints: Iterable[str]) -> tuple[str, ...]:
 
 _ABOVE: Final = (*_TRUNK, *_NECK, *(joint for side in SIDES for joint in _of(side, _ARM)))
 """Joints whose angles depend on hips and neck: those of the trunk, and all that hang from it."""
-_FROM_SHOULDER: Final = {side: ("trunk_twist", *_of(side, _ARM[:4])) for side in SIDES}
+_FROM_SHOULDERS: Final = (
+    "trunk_twist",
+    "neck_twist",
+    *(joint for side in SIDES for joint in _of(side, _ARM[:4])),
+)
+"""Joints whose angles depend on a shoulder: both arms are measured from the twist of the trunk."""
 _DIRECTIONS: Final = (
     ("trunk", "hips", "neck", _ABOVE),
     ("neck", "neck", "skull", _NECK),
@@ -390,25 +401,34 @@ _CENTRES: Final = {
     **{
         f"{side}_{centre}": _of(side, joints)
         for side in SIDES
-        for centres, joints in ((("shoulder", "elbow", "wrist"), _ARM), (("hip", "knee"), _LEG))
+        for centres, joints in (
+            (("shoulder", "elbow"), _ARM),
+            (("wrist",), _ARM[2:]),
+            (("hip", "knee"), _LEG),
+        )
         for centre in centres
     },
 }
 """Centre on which scored angles depend -> their joints."""
 _CHAINS: Final = {
-    f"{side}_{centre}": _of(side, needed)
-    for side in SIDES
-    for centre, needed in (
-        ("elbow", _ARM[:2]),
-        ("wrist", _ARM[:4]),
-        ("knuckles", _ARM[:4]),
-        ("thumb", _ARM[:5]),
-        ("knee", _LEG[:2]),
-        ("ankle", _LEG[:4]),
-        ("toe", _LEG[:4]),
-    )
+    "neck": ("trunk_flexion",),
+    **dict.fromkeys(("head", "head_top", "nose"), ("trunk_flexion", "neck_flexion")),
+    **{
+        f"{side}_{centre}": ("trunk_flexion", *own, *_of(side, needed))
+        for side in SIDES
+        for centre, own, needed in (
+            ("shoulder", ("trunk_twist",), ()),
+            ("elbow", ("trunk_twist",), _ARM[:2]),
+            ("wrist", ("trunk_twist",), _ARM[:4]),
+            ("knuckles", ("trunk_twist",), _ARM[:4]),
+            ("thumb", ("trunk_twist",), _ARM[:5]),
+            ("knee", (), _LEG[:2]),
+            ("ankle", (), _LEG[:4]),
+            ("toe", (), _LEG[:4]),
+        )
+    },
 }
-"""Centre -> the joints between it and the trunk or the pelvis."""
+"""Centre -> the joints between it and the pelvis, and the trunk, which tells where that is."""
 
 
 @dataclass(frozen=True)
@@ -464,7 +484,7 @@ def placed_by_body(errors: Mapping[str, np.ndarray], observed: np.ndarray) -> di
 def doubtful(
     places: Mapping[str, np.ndarray],
     fitted: Mapping[str, np.ndarray],
-    error: np.ndarray,
+    errors: Mapping[str, np.ndarray],
     usual: Mapping[str, Usual],
     time: np.ndarray,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -473,7 +493,7 @@ def doubtful(
     Args:
         places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
         fitted: centre -> positions of the body (n, 3) [m].
-        error: RMS distance of the centres (n,) [m].
+        errors: centre -> distance between both (n,) [m], see `placed_by_body`.
         usual: lengths of the bones, see `usual_lengths`.
         time: times of the frames (n,) [s].
     """
@@ -502,16 +522,73 @@ def doubtful(
     for name, (bone, joints) in bones.items():
         off = np.abs(np.linalg.norm(bone, axis=1) - usual[name].length)
         # Between two wrong frames, a frame in which the length happens to be right is wrong, too.
-        stretched = closed(off > usual[name].leeway, time)
+        stretched = closed(_whole_runs(off, usual[name].leeway), time)
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
-    doubt(f"body off by more than {_POOR:g} m", error > _POOR, JOINTS)
+    doubt("neck out of place", _neck_wrong(causes, usual, len(time)), _ABOVE)
+    doubt(f"body off by more than {_POOR:g} m", rms(errors, len(time)) > _POOR, JOINTS)
     for centre, joints in _CENTRES.items():
-        if centre in places:
-            apart = np.linalg.norm(places[centre] - fitted[centre], axis=1)
-            doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", apart > _ASTRAY, joints)
+        if centre in errors:
+            off = errors[centre] > _ASTRAY
+            doubt(f"{spoken(centre)} off by more than {_ASTRAY:g} m", off, joints)
     return causes, wrong
+
+
+def _whole_runs(off: np.ndarray, leeway: float) -> np.ndarray:
+    """Return the frames in which a length is off by more than a leeway (n,) bool.
+
+    Those around are returned, too, as long as it is off by half of that: a point that drifts is
+    wrong before it shows, and after.
+    """
+    wrong, near = off > leeway, np.nan_to_num(off) > leeway / 2
+    if not wrong.any():
+        return wrong
+    starts = np.flatnonzero(np.diff(near, prepend=~near[0]))
+    whole = np.logical_or.reduceat(wrong, starts)
+    return np.repeat(whole, np.diff(starts, append=len(off))) & near
+
+
+def _neck_wrong(
+    causes: Mapping[str, np.ndarray], usual: Mapping[str, Usual], count: int
+) -> np.ndarray:
+    """Return the frames in which the base of the neck may be in a wrong place (count,) bool.
+
+    It is the common end of the bones to the head and to both shoulders. If one of them is of
+    unusual length and another one is as long as usual, the neck is right. But only a bone that
+    keeps its length shows that, unless it is one shoulder alone.
+    """
+    none = np.zeros(count, dtype=bool)
+    unusual = {
+        name: causes.get(f"{name} of unusual length", none)
+        for name in ("neck", "right shoulder", "left shoulder")
+        if name in usual
+    }
+    if not unusual:
+        return none
+    steady = [
+        ~frames
+        for name, frames in unusual.items()
+        if usual[name].leeway < _STEADY * usual[name].length
+    ]
+    wrong = np.sum(list(unusual.values()), axis=0)
+    shown = np.logical_or.reduce([none, *steady])
+    return (wrong >= 2) | (unusual.get("neck", none) & ~shown)
+
+
+def rms(errors: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Return the root of the mean squared distance of centres (count,) [m]; NaN: none is seen.
+
+    Args:
+        errors: centre -> distance of the body's from the recording's (count,) [m]; NaN: not seen.
+        count: number of frames.
+    """
+    total, seen = np.zeros(count), np.zeros(count)
+    for each in errors.values():
+        known = np.isfinite(each)
+        total += np.where(known, each, 0.0) ** 2
+        seen += known
+    return np.sqrt(total / np.where(seen, seen, np.nan))
 
 
 def without_trunk(observed: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -521,15 +598,7 @@ def without_trunk(observed: np.ndarray, time: np.ndarray) -> np.ndarray:
         observed: which joint angles are determined (n, 32) bool.
         time: times of the frames (n,) [s].
     """
-    seen = np.flatnonzero(observed[:, INDEX["trunk_flexion"]])
-    if not len(seen):
-        return np.ones(len(time), dtype=bool)
-    after = np.searchsorted(seen, np.arange(len(time)))
-    away = np.minimum(
-        np.abs(time - time[seen[np.maximum(after - 1, 0)]]),
-        np.abs(time[seen[np.minimum(after, len(seen) - 1)]] - time),
-    )
-    return away > NEAR
+    return away_from(observed[:, INDEX["trunk_flexion"]], time) > NEAR
 
 
 def scored_frames(count: int, not_scored: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -552,12 +621,11 @@ def _bones() -> Iterator[tuple[str, str, str, float, tuple[str, ...]]]:
     legs = tuple(joint for side in SIDES for joint in _of(side, _LEG))
     yield "trunk", "hips", "neck", _MOST, _ABOVE
     yield "neck", "neck", "skull", _MOST, _NECK
-    yield "pelvis", "right_hip", "left_hip", 0.1, (*_TRUNK, *legs)
-    both = tuple(dict.fromkeys(joint for side in SIDES for joint in _FROM_SHOULDER[side]))
-    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15, both
+    yield "pelvis", "right_hip", "left_hip", 0.1, (*_ABOVE, *legs)
+    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15, _FROM_SHOULDERS
     for side in SIDES:
         arm, leg = _of(side, _ARM), _of(side, _LEG)
-        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2, _FROM_SHOULDER[side]
+        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2, _FROM_SHOULDERS
         yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1, arm
         yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06, arm
         yield f"{side} thigh", f"{side}_hip", f"{side}_knee", 0.06, leg

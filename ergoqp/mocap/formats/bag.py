@@ -34,7 +34,8 @@ from ergoqp.mocap.formats.bag_series import (
     turns_of,
 )
 from ergoqp.mocap.formats.opensim import tell_person
-from ergoqp.mocap.formats.text import BAG_MARKS, TableOptions, beginning, poses_of, short, some
+from ergoqp.mocap.formats.text import BAG_MARKS, TableOptions, beginning, short, some
+from ergoqp.mocap.formats.turns import poses_of
 from ergoqp.mocap.recording import JointMotion
 
 _METADATA: Final = "metadata.yaml"

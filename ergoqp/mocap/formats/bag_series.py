@@ -25,7 +25,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import count_repeated_frames, short, some, to_seconds, unit_turns
+from ergoqp.mocap.formats.text import short, some
+from ergoqp.mocap.formats.times import count_repeated_frames, to_seconds
+from ergoqp.mocap.formats.turns import unit_turns
 
 MOST: Final = 1000
 """Largest number of names of one kind in a bag of a person and objects."""

@@ -2,7 +2,8 @@
 
 Parser of BVH files: skeleton and numbers, in one pass that trusts nothing in the file. The rows are
 read in blocks, because an hour does not fit into memory. The stated number of frames is checked,
-and an early end of the file and NaN are refused. Errors name the line.
+and an early end of the file is refused. What hangs from a joint whose number is missing (NaN) is
+not seen in that frame. Errors name the line.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.files.atomic import write_text_atomic
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.mocap.formats.text import TableOptions, binary, count_repeated_frames, short
+from ergoqp.mocap.formats.text import TableOptions, binary, is_nothing, short
+from ergoqp.mocap.formats.times import count_repeated_frames
 from ergoqp.mocap.recording import JointMotion
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -34,6 +36,9 @@ _SHORTEST_FRAME = 1e-5  # seconds; nobody measures so often
 _LONGEST_FRAME = 10.0  # seconds; a longer frame time is a frame rate written in its place
 _BLOCK: Final = 4096  # rows that are converted to numbers at once
 _MOST_JOINTS: Final = 500  # a person with every finger and face bone has about 200
+_BODY: Final = 8  # joints that turn; a skeleton with fewer is no person
+_STILL: Final = 0.5  # a body that turns by less is still in radians and in degrees
+_WHOLE_TURN: Final = 2 * math.pi + 0.01
 _DEEPEST = 100  # nested joints; a person with all fingers has about ten
 
 
@@ -121,15 +126,14 @@ def _lines(file: BinaryIO, cursor: _Cursor) -> Iterator[str]:
 
 def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
     """Read the skeleton up to the closing brace of its root."""
-    lines: dict[str, int] = {}
-    joints = [_read_joint(cursor, cursor.part("ROOT"), 0, lines)]
+    joints = [_read_joint(cursor, cursor.part("ROOT"), 0)]
     inside = [joints[0]]
     while inside:
         words = cursor.next("the skeleton's last closing brace")
         if words == ["}"]:
             inside.pop()
         elif words[0] == "JOINT":
-            joints.append(_read_joint(cursor, words[1:], len(inside), lines))
+            joints.append(_read_joint(cursor, words[1:], len(inside)))
             inside.append(joints[-1])
         elif words[0] == "End":
             cursor.part("{")
@@ -147,20 +151,15 @@ def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
     return tuple(joints)
 
 
-def _read_joint(cursor: _Cursor, words: list[str], depth: int, lines: dict[str, int]) -> Joint:
-    """Read a joint up to its channels; `lines` maps each name to its line."""
+def _read_joint(cursor: _Cursor, words: list[str], depth: int) -> Joint:
+    """Read a joint up to its channels."""
     if len(words) != 1:
         cursor.fail(f"a joint: got {short(' '.join(words))}, allowed one name without spaces")
     name = words[0]
-    if name in lines:
-        cursor.fail(
-            f"got the joint {short(name)} again after line {lines[name]}, allowed each name once"
-        )
     if depth >= _DEEPEST:
         cursor.fail(
             f"joint {short(name)} is nested too deeply, allowed {_DEEPEST} joints inside each other"
         )
-    lines[name] = cursor.line
     cursor.part("{")
     return Joint(name, _read_offset(cursor), _read_channels(cursor), depth)
 
@@ -240,8 +239,10 @@ def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
     except ValueError:
         values = [math.nan]
     if not all(abs(value) <= _LARGEST for value in values):
-        for column, word in enumerate(words, start=1):
-            cursor.number(word, f"number {column} of the row")
+        values = [
+            math.nan if is_nothing(word) else cursor.number(word, f"number {column} of the row")
+            for column, word in enumerate(words, start=1)
+        ]
     return values
 
 
@@ -260,13 +261,13 @@ def read_bvh(
     Args:
         path: the file.
         progress: is called with the share of the file that is read.
-        asked: unused, because the file states its names and times.
+        asked: whether the rotations are trusted to be degrees.
 
     Returns:
         The centres of all joints of the file's skeleton.
 
     Raises:
-        RecordingError: if the file is not a complete, finite BVH file.
+        RecordingError: if the file is not a complete BVH file, or its rotations look like radians.
     """
     with binary(path) as file:
         cursor = _Cursor(path, iter(()))
@@ -282,19 +283,48 @@ def read_bvh(
         most = min(stated, size // (2 * channels) + 1)
         # Single precision is finer than any measurement and halves the memory.
         positions = np.empty((most, len(joints), 3), dtype=np.float32)
+        lost, most = 0, 0.0
+        turned = [c.endswith("rotation") for joint in joints for c in joint.channels]
         for rows in _rows(cursor, channels, stated, stated_line):
+            lost += int(np.isnan(rows).any(axis=1).sum())
+            most = float(np.fmax.reduce(np.abs(rows[:, turned]), axis=None, initial=most))
             positions[count : count + len(rows)] = _places(joints, rows)
             count += len(rows)
             progress(file.tell() / size)
+    if asked is None or "angles" not in asked.trust:
+        _check_degrees(path, joints, most)
     rest = _places([replace(joint, channels=()) for joint in joints], np.zeros((1, 0)))
-    note = f"The frames are uniform in time, {frame_time:g} s apart, as the file states."
-    return JointMotion(
+    notes = [f"The frames are uniform in time, {frame_time:g} s apart, as the file states."]
+    if lost:
+        notes.append(
+            f"In {lost} of {count} frames a number is missing: what hangs from its joint is not"
+            " seen there."
+        )
+    motion = JointMotion(
         tuple(joint.name for joint in joints),
         positions[:count],
         frame_time * np.arange(count),
         rest[0],
-        (note, *count_repeated_frames(positions[:count])),
+        (*notes, *count_repeated_frames(positions[:count])),
     )
+    return motion.once()
+
+
+def _check_degrees(path: Path, joints: Sequence[Joint], most: float) -> None:
+    """Raise if the rotations of a whole body look like radians.
+
+    Args:
+        path: the file.
+        joints: its joints.
+        most: the largest rotation in the file, in any direction.
+    """
+    turning = sum(any(c.endswith("rotation") for c in joint.channels) for joint in joints)
+    if turning >= _BODY and _STILL < most <= _WHOLE_TURN:
+        raise RecordingError(
+            f"{path.name}: no rotation exceeds {most:.3g}, allowed degrees: radians look like this,"
+            " and so does a body that hardly turns; multiply the rotations by 57.3, or state that"
+            " they are degrees (trust angles)"
+        )
 
 
 def _places(joints: Sequence[Joint], rows: np.ndarray) -> np.ndarray:

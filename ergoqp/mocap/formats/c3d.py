@@ -27,14 +27,8 @@ import numpy as np
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import (
-    TableOptions,
-    binary,
-    count_repeated_frames,
-    short,
-    some,
-    to_seconds,
-)
+from ergoqp.mocap.formats.text import TableOptions, binary, short
+from ergoqp.mocap.formats.times import count_repeated_frames, to_seconds
 from ergoqp.mocap.formats.trc import UNITS
 from ergoqp.mocap.naming import nameless
 from ergoqp.mocap.recording import JointMotion
@@ -438,7 +432,7 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     with binary(path) as file:
         header = read_header(path, file)
         count, said = frames_of(path, file, header, path.stat().st_size)
-        labels, notes = _labels(header)
+        labels, again, notes = _labels(header)
         bent_ones, computed = _named(header, "ANGLES"), _named(header, *_COMPUTED)
         angles = {name: i for name, i in labels.items() if _is(name, bent_ones)}
         markers = {
@@ -450,8 +444,9 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
                 f"got no marker with a name among {header.points} points, allowed labelled markers;"
                 " label them in the program that recorded them",
             )
+        named = [*markers.items(), *((name, i) for name, i in again if name in markers)]
         positions, bent = _frames(
-            file, header, count, list(markers.values()), list(angles.values()), progress
+            file, header, count, [i for _, i in named], list(angles.values()), progress
         )
     time, _, uniform = to_seconds(path.name, np.arange(count) / header.rate, 1.0)
     if others := len(labels) - len(markers) - len(angles):
@@ -459,8 +454,8 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     unit = UNITS.get(header.text("POINT", "UNITS"))
     if not header.text("POINT", "ANGLE_UNITS").startswith("rad"):
         bent *= np.float32(np.pi / 180)
-    return JointMotion(
-        tuple(markers),
+    motion = JointMotion(
+        tuple(name for name, _ in named),
         positions,
         time,
         None,
@@ -474,6 +469,7 @@ def read_c3d(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         unit=unit,
         measures=_measures(header, unit),
     )
+    return motion.once()
 
 
 def _named(header: Header, *groups: str) -> frozenset[str]:
@@ -486,12 +482,12 @@ def _is(name: str, named: frozenset[str]) -> bool:
     return name in named or name.rpartition(":")[2] in named
 
 
-def _labels(header: Header) -> tuple[dict[str, int], list[str]]:
-    """Return name -> index of its point, for the points that have a name, and sentences."""
+def _labels(header: Header) -> tuple[dict[str, int], list[tuple[str, int]], list[str]]:
+    """Return name -> index of its point, the further points of equal names, and sentences."""
     stated = header.texts("POINT", "LABELS")
     notes: list[str] = []
     labels: dict[str, int] = {}
-    twice: dict[str, None] = {}
+    again: list[tuple[str, int]] = []
     if len(stated) > header.points and any(stated[header.points :]):
         notes.append(
             f"The file names {len(stated)} points and has {header.points}: the first names are"
@@ -502,14 +498,12 @@ def _labels(header: Header) -> tuple[dict[str, int], list[str]]:
         if nameless(name):
             lost += 1
         elif name in labels:
-            twice[name] = None
+            again.append((name, i))
         else:
             labels[name] = i
     if lost:
         notes.append(f"{lost} of {header.points} points have no label and are left out.")
-    if twice:
-        notes.append(f"{some(list(twice))}: in the file twice; the first is used.")
-    return labels, notes
+    return labels, again, notes
 
 
 def _frames(

@@ -11,17 +11,8 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import (
-    GrowableArray,
-    TableOptions,
-    TextLines,
-    drop_duplicate_times,
-    is_number,
-    short,
-    some,
-    tick_of,
-    time_head,
-)
+from ergoqp.mocap.formats.text import GrowableArray, TableOptions, TextLines, is_number, short, some
+from ergoqp.mocap.formats.times import drop_duplicate_times, tick_of, time_head
 from ergoqp.mocap.naming import squashed
 
 _DAY: Final = 86_400.0
@@ -296,6 +287,7 @@ class ColumnLayout:
 
     Attributes:
         points: name -> the columns of x, y and z.
+        again: the columns of further points with the name of one of them.
         width: number of columns.
         names: names of the columns in messages.
         confidence: the confidence columns.
@@ -319,6 +311,7 @@ class ColumnLayout:
     whose: int | None = None
     unit: float | None = None
     unread: Sequence[int] = ()
+    again: Sequence[tuple[str, tuple[int, int, int]]] = ()
 
     def name_of(self, column: int) -> str:
         """Return the name of a column for messages."""
@@ -340,8 +333,7 @@ def layout_from_header(lines: TextLines, header: list[list[str]], width: int) ->
     header, unit, tick = _without_units(header)
     row = _named(header)
     layout = ColumnLayout({}, max(width, len(row)), row, unit=unit, tick=tick)
-    axes: dict[str, dict[str, int]] = {}
-    twice: dict[str, str] = {}
+    axes: dict[str, list[dict[str, int]]] = {}
     confidences: list[tuple[str, str, int]] = []
     others: list[int] = []
     for column, word in enumerate(row):
@@ -363,25 +355,27 @@ def layout_from_header(lines: TextLines, header: list[list[str]], width: int) ->
             and (name := match["name"])
             and not _NO_PLACE.fullmatch(name)
         ):
-            found = axes.setdefault(name, {})
-            if match["axis"].lower() in found:
-                twice.setdefault(name, word)
-            found[match["axis"].lower()] = column
+            copies = axes.setdefault(name, [{}])
+            if (axis := match["axis"].lower()) in copies[-1]:
+                copies.append({})
+            copies[-1][axis] = column
             layout.unit = _METRES.get((match["unit"] or "").lower(), layout.unit)
         else:
             others.append(column)
-    layout.points = {
-        name: (found["x"], found["y"], found["z"])
-        for name, found in axes.items()
+    whole = [
+        (name, (found["x"], found["y"], found["z"]))
+        for name, copies in axes.items()
+        for found in copies
         if len(found) == 3
-    }
+    ]
+    for name, columns in whole:
+        layout.points.setdefault(name, columns)
+    layout.again = [each for each in whole if each not in layout.points.items()]
     if not layout.points:
         lines.fail(
             f"got the columns {some([short(word) for word in row if word], 6)}, allowed three"
             " columns for each joint, such as neck.x, neck.y, neck.z"
         )
-    if again := [word for name, word in twice.items() if name in layout.points]:
-        lines.fail(f"got the column {short(again[0])} twice, allowed each once")
     alike: dict[str, list[int]] = {}
     for i, name in enumerate(layout.points):
         alike.setdefault(name.lower(), []).append(i)

@@ -8,7 +8,7 @@ versions 1.21 and 1.23).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -24,12 +24,11 @@ from ergoqp.mocap.formats.text import (
     count_of,
     is_number,
     points_of,
-    poses_of,
     read_rows,
     short,
     text_lines,
-    unit_turns,
 )
+from ergoqp.mocap.formats.turns import UnitTurns, poses_of
 from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
@@ -56,13 +55,11 @@ class _Thing:
         kind: Motive's type.
         name: Motive's name; things of different types may have the same name.
         columns: "Position" or "Rotation" -> axis -> column.
-        twice: whether the file has one of its columns twice.
     """
 
     kind: str
     name: str
     columns: dict[str, dict[str, int]] = field(default_factory=dict)
-    twice: bool = False
 
     def of(self, what: str) -> list[int] | None:
         """Return the columns of its position or rotation; None if there are none."""
@@ -85,13 +82,13 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
     with text_lines(path, progress) as lines:
         stated = _stated(lines)
         things, width = _things(lines)
-        bones = {t.name: t for t in things if t.kind == "Bone"}
-        bodies = {t.name: t for t in things if t.kind == "Rigid Body"}
-        markers = {
-            t.name: t
+        bones = _named(t for t in things if t.kind == "Bone")
+        bodies = _named(t for t in things if t.kind == "Rigid Body")
+        markers = _named(
+            t
             for t in things
             if t.kind in {"Marker", "Bone Marker"} and not t.name.startswith("Unlabeled")
-        }
+        )
         points = bones or {**markers, **bodies}
         if not points:
             raise RecordingError(
@@ -99,12 +96,12 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
                 " or labelled markers; export the take with its skeletons and rigid bodies"
             )
         others = {n: t for n, t in bodies.items() if points.get(n) is not t}
-        taken = [*points.values(), *others.values()]
-        if twice := [thing.name for thing in taken if thing.twice]:
-            lines.fail(f"got the columns of {short(twice[0])} twice, allowed each once")
+        again = [t for t in things if t.name in points and _again(t, points[t.name])]
+        taken = [*points.values(), *again, *others.values()]
         oriented = [thing for thing in taken if thing.of("Rotation")]
         columns = [c for thing in taken for c in thing.of("Position") or ()]
         turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
+        turns = UnitTurns()
         numbered, positions, quaternions = read_rows(
             lines,
             ",",
@@ -112,7 +109,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
             lambda rows: (
                 rows[:, :2],
                 points_of(rows[:, columns]),
-                unit_turns(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
+                turns.of(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
             ),
         )
     total, found = count_of(stated.get("Total Exported Frames", "")), len(positions)
@@ -127,16 +124,32 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         if thing.kind == "Rigid Body" and id(thing) in units
     }
     motion = JointMotion(
-        tuple(points),
-        positions[:, : len(points)],
+        (*points, *(thing.name for thing in again)),
+        positions[:, : len(points) + len(again)],
         _times(numbered, stated),
-        notes=tuple(count_note(stated.get("Total Exported Frames", ""), found, "frames")),
+        notes=(
+            *count_note(stated.get("Total Exported Frames", ""), found, "frames"),
+            *turns.said(),
+        ),
         turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},
         objects=objects,
         markers=not bones and any(t.kind != "Rigid Body" for t in points.values()),
         unit=_UNITS.get(stated.get("Length Units", "").lower()),
     )
-    return with_times(path.name, motion, shown=[positions, quaternions])
+    return with_times(path.name, motion.once(), shown=[positions, quaternions])
+
+
+def _named(things: Iterable[_Thing]) -> dict[str, _Thing]:
+    """Return name -> the first of the things with that name."""
+    found: dict[str, _Thing] = {}
+    for thing in things:
+        found.setdefault(thing.name, thing)
+    return found
+
+
+def _again(thing: _Thing, first: _Thing) -> bool:
+    """Return whether a thing repeats another one of the same type and name."""
+    return thing is not first and thing.kind == first.kind
 
 
 def _stated(lines: TextLines) -> Mapping[str, str]:
@@ -174,15 +187,16 @@ def _things(lines: TextLines) -> tuple[list[_Thing], int]:
     kinds, names, *_, what, axes = head
     if not "".join(axes[1:2]).startswith("Time"):
         lines.fail(f"got the second column {short(''.join(axes[1:2]))}, allowed Time (Seconds)")
-    things: dict[tuple[str, str], _Thing] = {}
+    things: dict[tuple[str, str], list[_Thing]] = {}
     for column in range(2, min(map(len, (kinds, names, what, axes)))):
         kind, name = kinds[column], names[column]
         if axes[column] and name:
-            thing = things.setdefault((kind, name), _Thing(kind, name))
-            places = thing.columns.setdefault(what[column], {})
-            thing.twice |= axes[column] in places
-            places[axes[column]] = column
-    return [thing for thing in things.values() if thing.of("Position")], len(axes)
+            copies = things.setdefault((kind, name), [_Thing(kind, name)])
+            if axes[column] in copies[-1].columns.get(what[column], {}):
+                copies.append(_Thing(kind, name))
+            copies[-1].columns.setdefault(what[column], {})[axes[column]] = column
+    every = (thing for copies in things.values() for thing in copies)
+    return [thing for thing in every if thing.of("Position")], len(axes)
 
 
 def _times(numbered: np.ndarray, stated: Mapping[str, str]) -> np.ndarray:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
+from math import inf, nan
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
 from xml.etree import ElementTree
@@ -26,10 +27,11 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     binary,
     count_of,
+    is_nothing,
     is_number,
     short,
-    unit_turns,
 )
+from ergoqp.mocap.formats.turns import UnitTurns
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _AXES: Final = ("abduction", "rotation", "flexion")
@@ -61,6 +63,7 @@ class Wearer:
         self._poses = 0  # calibration poses
         self._block: list[list[float]] = []
         # Positions, quaternions and joint angles.
+        self._turns = UnitTurns()
         self._arrays = [GrowableArray(), GrowableArray(), GrowableArray()]
 
     def fail(self, problem: str) -> NoReturn:
@@ -117,12 +120,15 @@ class Wearer:
             self._take(1.0)
         positions, quaternions, bent = (each.view for each in self._arrays)
         names = tuple(prefix + name for name in self.segments)
-        note = f"{self._poses} calibration poses (N-pose, T-pose) of the file are left out."
+        notes = self._turns.said()
+        if self._poses:
+            left = "calibration poses (N-pose, T-pose) of the file are left out."
+            notes = [f"{self._poses} {left}", *notes]
         return JointMotion(
             names,
             positions,
             np.array(self._indices) / self.rate,
-            notes=(f"{prefix} {note}".lstrip(),) if self._poses else (),
+            notes=tuple(f"{prefix} {note}".lstrip() for note in notes),
             turns={name: quaternions[:, i] for i, name in enumerate(names)},
             angles={
                 f"{prefix}{joint} {axis}": bent[:, 3 * i + j]
@@ -149,9 +155,10 @@ class Wearer:
             try:
                 values = [float(word) for word in words]
             except ValueError:
-                values = []
-            if len(values) != width or "_" in text or not all(abs(v) <= LARGEST for v in values):
-                wrong = [word for word in words if not _is_read(word)]
+                values = [_number(word) for word in words]
+            # NaN is not seen.
+            if len(values) != width or "_" in text or any(abs(v) > LARGEST for v in values):
+                wrong = [word for word in words if abs(_number(word)) > LARGEST]
                 got = f"{short(wrong[0])} among " if wrong else ""
                 self.fail(
                     f"frame {short(index)}: got {got}{len(words)} words for {what}, allowed {width}"
@@ -165,18 +172,18 @@ class Wearer:
         values, count = np.array(self._block), len(self.segments)
         self._block.clear()
         places, turns, angles = np.split(values, [3 * count, 7 * count], axis=1)
-        unit = unit_turns(turns.reshape(len(values), -1, 4)[:, :, [1, 2, 3, 0]])
+        unit = self._turns.of(turns.reshape(len(values), -1, 4)[:, :, [1, 2, 3, 0]])
         parts = (places.reshape(len(values), -1, 3), unit, np.radians(angles))
         for array, part in zip(self._arrays, parts, strict=True):
             array.add(part.astype(np.float32), share)
 
 
-def _is_read(word: str) -> bool:
-    """Return whether a word is a number that is not too large."""
+def _number(word: str) -> float:
+    """Return the number that a word stands for; infinity if it stands for none."""
     try:
-        return "_" not in word and abs(float(word)) <= LARGEST
+        return inf if "_" in word else float(word)
     except ValueError:
-        return False
+        return nan if is_nothing(word) else inf
 
 
 def lacking(path: Path) -> RecordingError:

@@ -7,7 +7,6 @@ by others.
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -64,28 +63,29 @@ def read_nexus(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
         units = {word for word in cells(lines.next("the units"), separator) if word}
         if len(units) != 1 or not units <= set(_UNITS):
             lines.fail(f"got the units {short(', '.join(sorted(units)))}, allowed mm, cm or m")
-        columns = [first + i for first in points.values() for i in range(3)]
+        columns = [first + i for first, _ in points for i in range(3)]
         frames, positions = read_rows(
             lines, separator, len(axes), lambda rows: (rows[:, 0], points_of(rows[:, columns]))
         )
     motion = JointMotion(
-        tuple(points),
+        tuple(name for _, name in points),
         positions,
         frames / float(stated),
         notes=(f"{lost} trajectories have no label and are left out.",) if lost else (),
         markers=True,
         unit=_UNITS[units.pop()],
     )
-    return with_times(path.name, motion)
+    return with_times(path.name, motion.once())
 
 
-def _points(lines: TextLines, names: list[str], axes: list[str]) -> tuple[dict[str, int], int]:
-    """Return labelled marker -> column of its x, and the number of markers without a label."""
-    found = {i: name for i, name in enumerate(names) if name and axes[i : i + 3] == ["x", "y", "z"]}
-    points = {name: i for i, name in found.items() if not nameless(name)}
+def _points(
+    lines: TextLines, names: list[str], axes: list[str]
+) -> tuple[list[tuple[int, str]], int]:
+    """Return column of the x and name of each labelled marker, and how many have no label."""
+    found = [
+        (i, name) for i, name in enumerate(names) if name and axes[i : i + 3] == ["x", "y", "z"]
+    ]
+    points = [(i, name) for i, name in found if not nameless(name)]
     if not points:
         lines.fail("got no marker with a name, allowed a name above each X, Y, Z")
-    twice = [name for name, count in Counter(found.values()).items() if count > 1]
-    if again := [name for name in twice if name in points]:
-        lines.fail(f"got the marker {short(again[0])} twice, allowed each once")
     return points, len(found) - len(points)

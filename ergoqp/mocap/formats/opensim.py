@@ -43,10 +43,10 @@ from ergoqp.mocap.formats.text import (
     short,
     some,
     text_lines,
-    to_seconds,
 )
+from ergoqp.mocap.formats.times import are_alike, to_seconds
 from ergoqp.mocap.naming import CENTRES, parted
-from ergoqp.mocap.recording import JointMotion, count_note
+from ergoqp.mocap.recording import JointMotion, count_note, said_twice
 
 _HEAD: Final = 200
 """Largest number of rows above the numbers."""
@@ -65,7 +65,7 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
         asked: unused, because the file has times.
 
     Raises:
-        RecordingError: if it is not such a file, or a number is missing.
+        RecordingError: if it is not such a file.
     """
     with text_lines(path, progress) as lines:
         stated: dict[str, str] = {}
@@ -87,10 +87,6 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
             names.pop()
         if not names or names[0].lower() != "time":
             lines.fail(f"got the first column {short(names[0] if names else '')}, allowed time")
-        if "" in names:
-            lines.fail(f"got no name for column {names.index('') + 1}, allowed a name for each")
-        if len(set(names)) < len(names):
-            lines.fail("got a column twice, allowed each once")
         (values,) = read_rows(lines, separator, len(names), lambda rows: (rows,))
     time, kept, notes = to_seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     notes = count_note(stated.get("nrows", ""), len(values), "rows") + notes
@@ -99,17 +95,45 @@ def read_storage(path: Path, progress: Progress, asked: TableOptions) -> JointMo
         degrees = "version" not in stated and path.suffix.lower() == ".mot"
         unit = "degrees, as in SIMM's files" if degrees else "radians"
         notes.append(f"The file does not state the unit of its angles: they are taken as {unit}.")
+    if lost := names.count(""):
+        notes.append(f"{lost} columns have no name and are left out.")
+    columns, again, twice = _columns(names, values)
+    if again:
+        notes.append(said_twice(again))
     angles = {
         name: values[kept, i] * (np.pi / 180 if degrees and not is_length(name) else 1.0)
-        for i, name in enumerate(names)
-        if i
+        for name, i in columns.items()
     }
-    if lost := [name for name, each in angles.items() if not np.isfinite(each).all()]:
-        raise RecordingError(
-            f"{path.name}: column {short(lost[0])} has blanks, allowed a number for each frame"
-        )
-    nowhere = np.empty((len(time), 0, 3))
-    return JointMotion((), nowhere, time, notes=tuple(notes), angles=angles, unit=1.0, up="y")
+    if blank := [name for name, each in angles.items() if not np.isfinite(each).all()]:
+        notes.append(f"Blanks are taken as not seen, in the columns {some(blank, 6)}.")
+    return JointMotion(
+        (),
+        np.empty((len(time), 0, 3)),
+        time,
+        notes=tuple(notes),
+        angles=angles,
+        unit=1.0,
+        up="y",
+        twice=twice,
+    )
+
+
+def _columns(
+    names: list[str], values: np.ndarray
+) -> tuple[dict[str, int], list[str], tuple[str, ...]]:
+    """Return name -> first column (without the times), the repeated names, and those that differ.
+
+    Args:
+        names: names of the columns; an empty one belongs to no name.
+        values: the numbers (n, columns).
+    """
+    first: dict[str, int] = {}
+    again: dict[str, bool] = {}
+    for i, name in enumerate(names[1:], 1):
+        if name and first.setdefault(name, i) != i:
+            same = bool(are_alike(values[:, [i]], values[:, [first[name]]]).all())
+            again[name] = again.get(name, True) and same
+    return first, list(again), tuple(name for name, same in again.items() if not same)
 
 
 def is_length(name: str) -> bool:
@@ -158,13 +182,19 @@ _BACKWARD: Final = np.radians(10)
 """Largest backward bend of a person's joint [rad]."""
 
 
-def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
-    """Raise if the unit of the angles is not the stated one; return a sentence about small ones.
+_TRUST: Final = "; or state that the angles are right (trust angles)"
+
+
+def check_unit(
+    model: OpenSimModel, angles: Angles, where: str, *, trusted: bool = False
+) -> list[str]:
+    """Raise if the unit of the angles is not the stated one; return a sentence about odd ones.
 
     Args:
         model: the model of the coordinates.
         angles: coordinate -> angles [rad] or lengths [m] (n,).
         where: the file's name, for messages.
+        trusted: whether the unit is right, whatever the angles are.
 
     Raises:
         RecordingError: if an angle is too large for a joint, or a person moves without bending.
@@ -181,9 +211,12 @@ def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
         often = name in root or name in _ABOUT
         if farthest > (4 * np.pi if often else _MOST_OF_A_COORDINATE):
             allowed = "two whole turns" if often else f"{_MOST_OF_A_COORDINATE:g} rad"
+            reached = f"{name} reaches {farthest:.4g} rad"
+            if trusted:
+                return [f"The unit of the angles is right, as stated, although {reached}."]
             raise RecordingError(
-                f"{where}: {name} reaches {farthest:.4g} rad, allowed {allowed}: the unit of the"
-                " angles (inDegrees) is wrong"
+                f"{where}: {reached}, allowed {allowed}: the unit of the angles (inDegrees) is"
+                f" wrong{_TRUST}"
             )
     most = max(largest.values(), default=0.0)
     if not _LEAST < most < _SMALL:
@@ -193,15 +226,17 @@ def check_unit(model: OpenSimModel, angles: Angles, where: str) -> list[str]:
     plausible = sum(each > _LEAST for each in largest.values())
     moving = sum(_range(each) > _SWAYS for each in turned.values())
     goes = max((_range(angles[name]) for name in model.moved if name in angles), default=0.0)
-    if plausible >= _FEW and (moving >= _FEW or goes > _STANDS):
+    if not trusted and plausible >= _FEW and (moving >= _FEW or goes > _STANDS):
         raise RecordingError(
             f"{where}: {small} while the person moves, allowed those of a movement:"
-            f" {wrong}, so the unit of the angles (inDegrees) is wrong"
+            f" {wrong}, so the unit of the angles (inDegrees) is wrong{_TRUST}"
         )
     return [f"{small[0].upper()}{small[1:]}: {wrong}, and so does a person who stands."]
 
 
-def with_bent_hinges(angles: Angles, where: str) -> tuple[dict[str, np.ndarray], list[str]]:
+def with_bent_hinges(
+    angles: Angles, where: str, *, trusted: bool = False
+) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return the angles with positive flexion of elbows and knees, and sentences about changes.
 
     In gait2392 and Hamner's model, the flexion of both knees is negative.
@@ -209,6 +244,7 @@ def with_bent_hinges(angles: Angles, where: str) -> tuple[dict[str, np.ndarray],
     Args:
         angles: coordinate -> angles [rad] or lengths [m] (n,).
         where: the file's name, for messages.
+        trusted: whether the signs are right, whatever the angles are.
 
     Raises:
         RecordingError: if an elbow, or one of two knees, is bent backward most of the time.
@@ -221,12 +257,13 @@ def with_bent_hinges(angles: Angles, where: str) -> tuple[dict[str, np.ndarray],
             "The angles of the knees are negative in flexion, as in gait2392: they are reversed."
         ]
     hinges = {name: each for name, each in angles.items() if name in _ELBOWS} | knees
-    if wrong := [name for name, each in hinges.items() if _is_backward(each)]:
+    wrong = [name for name, each in hinges.items() if _is_backward(each)]
+    if wrong and not trusted:
         most = max(float(-np.nanmin(hinges[name])) for name in wrong)
         raise RecordingError(
             f"{where}: {some(wrong)} {'bends' if len(wrong) == 1 else 'bend'} backward by up to"
             f" {np.degrees(most):.0f} deg, allowed {np.degrees(_BACKWARD):.0f} deg: the sign of the"
-            " angle is wrong"
+            f" angle is wrong{_TRUST}"
         )
     for name, each in hinges.items():
         if count := int((each < -_BACKWARD).sum()):
@@ -285,7 +322,9 @@ _BLOCK: Final = 8192
 """Frames that are computed at once, because an hour does not fit into memory."""
 
 
-def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMotion:
+def posed(
+    motion: JointMotion, where: str, body: Body | None = None, trust: Collection[str] = ()
+) -> JointMotion:
     """Return the joint centres that the joint angles of an OpenSim model determine.
 
     x is forward, y up and z to the right. Centres that the file does not determine are left out.
@@ -294,6 +333,7 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         motion: the angles, as `ergoqp.mocap.formats.opensim.read_storage` returns them.
         where: the file's name, for messages.
         body: the person whose lengths are used; None: an average person.
+        trust: what is right, whatever it looks like (see `ergoqp.load_recording`).
 
     Raises:
         RecordingError: if the coordinates are those of no known model, or the angles cannot be
@@ -305,9 +345,16 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         if (name := coordinate_of(path)) is not None
     }
     model = _model_of(angles, where)
-    doubts = check_unit(model, angles, where)
+    wanted = {*_of_both_sides(model), *model.moved}
+    named = [path for path in motion.angles if (coordinate_of(path) or "").lower() in wanted]
+    motion.check_once(named, where)
+    objects = _objects(model, angles)
+    of_objects = {name + end for name in objects for end in _POSE}
+    columns = dict.fromkeys(motion.angles, "") | dict.fromkeys(named, "joint angle")
+    columns |= {name: "object" for name in motion.angles if name.lower() in of_objects}
+    doubts = check_unit(model, angles, where, trusted="angles" in trust)
     person = body or Body()
-    angles, bends = with_bent_hinges(angles, where)
+    angles, bends = with_bent_hinges(angles, where, trusted="angles" in trust)
     upright, lacking = _places(model, {name: np.zeros(1) for name in angles}, 1, person)
     positions = np.empty((len(motion.time), len(upright), 3), dtype=np.float32)
     for start in range(0, len(positions), _BLOCK):
@@ -331,9 +378,10 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         positions=positions,
         rest=np.stack([upright[centre][0] for centre in upright]),
         notes=(*motion.notes, *notes),
-        objects={**motion.objects, **_objects(model, angles)},
+        objects={**motion.objects, **objects},
         unit=1.0,
         up="y",
+        columns=columns,
     )
 
 
@@ -485,13 +533,16 @@ def own_angles(names: Iterable[str]) -> Mapping[str, str]:
     return {joint: group[joint] for group in [next(whole, {})] for joint in JOINTS if group}
 
 
-def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) -> JointMotion:
+def placed_by_angles(
+    motion: JointMotion, where: str, body: Body | None = None, trust: Collection[str] = ()
+) -> JointMotion:
     """Return the joint centres that the angles of all our joints determine, in our axes.
 
     Args:
         motion: the angles.
         where: the file's name, for messages.
         body: the person whose lengths are used; None: an average person.
+        trust: what is right, whatever it looks like (see `ergoqp.load_recording`).
 
     Raises:
         RecordingError: if a joint turns by more than two whole turns.
@@ -500,10 +551,10 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
     for joint, name in own_angles(motion.angles).items():
         angle = np.asarray(motion.angles[name], dtype=float)
         most = _largest(angle)
-        if most > _MOST_OF_A_JOINT:
+        if most > _MOST_OF_A_JOINT and "angles" not in trust:
             raise RecordingError(
                 f"{where}: the {spoken(joint)} reaches {most:.4g} rad, allowed two whole turns:"
-                " the angles may be in degrees"
+                f" the angles may be in degrees{_TRUST}"
             )
         # A straight hinge would not show the rotation of the limb, which the file states.
         columns.append(np.maximum(angle, BENT) if joint.endswith(_HINGES) else angle)
@@ -529,4 +580,8 @@ def placed_by_angles(motion: JointMotion, where: str, body: Body | None = None) 
         objects={},
         unit=1.0,
         up="z",
+        columns={
+            **dict.fromkeys(motion.angles, ""),
+            **{name: joint for joint, name in own_angles(motion.angles).items()},
+        },
     )

@@ -9,6 +9,7 @@ states the person.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -32,7 +33,7 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     TextLines,
     cells,
-    count_repeated_frames,
+    commas,
     is_nothing,
     is_number,
     points_of,
@@ -41,8 +42,8 @@ from ergoqp.mocap.formats.text import (
     short,
     some,
     text_lines,
-    uniform_times,
 )
+from ergoqp.mocap.formats.times import count_repeated_frames, uniform_times
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _HEADER_LINES: Final = 20
@@ -70,9 +71,11 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     with text_lines(path, progress) as lines:
         header, first, line = _read_header(lines)
         separator = separator_of(first, *reversed(header))
-        words = cells(first, separator)
+        words, named = cells(first, separator), [cells(row, separator) for row in header]
+        if header:
+            _check_width(lines, named, words, separator, line)
         layout = (
-            layout_from_header(lines, [cells(row, separator) for row in header], len(words))
+            layout_from_header(lines, named, len(words))
             if header
             else layout_without_header(lines, words, asked)
         )
@@ -94,7 +97,29 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     notes = table.unread()
     if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
-    return table.motion(*arrays, notes=notes)
+    return replace(table.motion(*arrays, notes=notes), columns=table.columns())
+
+
+def _check_width(
+    lines: TextLines, header: list[list[str]], first: list[str], separator: str | None, line: int
+) -> None:
+    """Raise if a row of numbers is wider than the head, whose names would be of other columns.
+
+    Args:
+        lines: the file, for messages.
+        header: the rows above the numbers, in words.
+        first: the first row of numbers, in words.
+        separator: separator of the columns.
+        line: number of the line of that row.
+    """
+    width = max(map(len, header))
+    count = max((i for i, word in enumerate(first, 1) if word), default=0)
+    if count > width:
+        way = commas(separator, count, width) or "; name every column"
+        lines.fail(
+            f"got a row of {count} numbers below a head of {width} names, allowed as many{way}",
+            line,
+        )
 
 
 class _Table:
@@ -110,7 +135,9 @@ class _Table:
         }
         self._people = People()
         self._confidence = ConfidenceFilter(layout.confidence)
-        self._points = [c for columns in layout.points.values() for c in columns]
+        named = [*layout.points.items(), *layout.again]
+        self._names = tuple(name for name, _ in named)
+        self._points = [column for _, columns in named for column in columns]
         several = layout.whose is not None
         # Frame numbers identify the frames of several people, however coarse the times are.
         self._numbered = (
@@ -150,6 +177,24 @@ class _Table:
             columns.append((layout.whose, self._people))
         return columns
 
+    def columns(self) -> dict[str, str]:
+        """Return the column of the table that is no coordinate -> what it is used as."""
+        layout = self._layout
+        used = {each.column: "confidence" for each in layout.confidence}
+        used |= {
+            column: what
+            for column, what in (
+                (layout.time if self._rate is None else None, "time"),
+                (self._fine, "time"),
+                (layout.frame if self._numbered else None, "frame"),
+                (layout.whose, "person"),
+            )
+            if column is not None
+        }
+        points = set(self._points)
+        every = range(min(layout.width, len(layout.names)))
+        return {layout.names[i]: used.get(i, "") for i in every if i not in points}
+
     def unread(self) -> list[str]:
         """Return a sentence with the columns that are not read although a user may expect it."""
         layout = self._layout
@@ -187,7 +232,7 @@ class _Table:
             whose: numbers of the people (n,), if there are any.
             notes: further sentences.
         """
-        layout, names = self._layout, tuple(self._layout.points)
+        layout, names = self._layout, self._names
         if layout.time is None:
             # The frames after the last one in which a point is seen are not counted.
             last = len(positions)
@@ -223,7 +268,7 @@ class _Table:
         if self._rate is None:
             assert keys is not None
             motion = JointMotion(names, positions, keys, notes=tuple(notes), unit=layout.unit)
-            return with_times(self._where, motion, layout.tick, remedy=_RATE)
+            return with_times(self._where, motion.once(), layout.tick, remedy=_RATE)
         time, said = uniform_times(self._where, len(positions), self._rate)
         if keys is not None and numbered:
             time = (keys - keys[0]) / self._rate
@@ -233,7 +278,7 @@ class _Table:
                 " per second are stated (rate)."
             )
         notes = [*said, *notes, *count_repeated_frames(positions)]
-        return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit)
+        return JointMotion(names, positions, time, notes=tuple(notes), unit=layout.unit).once()
 
 
 def _read_header(lines: TextLines) -> tuple[list[str], str, int]:

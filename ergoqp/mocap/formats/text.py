@@ -1,4 +1,4 @@
-"""Text of unknown origin: encodings, numbered lines, tables of numbers, times and poses.
+"""Text of unknown origin: encodings, numbered lines and tables of numbers.
 
 Tables are read block by block, because an hour of markers is large. A blank is a value that was not
 seen. A word in place of a number is an error that names its line.
@@ -7,7 +7,6 @@ seen. A word in place of a number is an error that names its line.
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
@@ -54,9 +52,10 @@ def short(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def some(names: tuple[str, ...] | list[str], most: int = 12) -> str:
+def some(names: tuple[str, ...] | list[str], most: int = 12, longest: int = 40) -> str:
     """Return a list of names in words, cut so that a sentence stays readable."""
-    shown = ", ".join(name if len(name) <= 40 else name[:37] + "..." for name in names[:most])
+    cut = (name if len(name) <= longest else name[: longest - 3] + "..." for name in names[:most])
+    shown = ", ".join(cut)
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
@@ -218,10 +217,12 @@ class TableOptions:
     Attributes:
         columns: names of the points of a table without names, three numbers each.
         rate: frames per second, used instead of times [Hz].
+        trust: what is right although it looks impossible (see `ergoqp.load_recording`).
     """
 
     columns: tuple[str, ...] = ()
     rate: float | None = None
+    trust: frozenset[str] = frozenset()
 
 
 ChosenColumn = tuple[int, Callable[[str], str] | None]
@@ -376,7 +377,9 @@ def _values(
         words.pop()
     count = len(words)
     if count > width or (separator is None and count < width):
-        lines.fail(f"got a row of {count} numbers, allowed {width}", line)
+        lines.fail(
+            f"got a row of {count} numbers, allowed {width}{commas(separator, count, width)}", line
+        )
     if count < width and line == lines.line and not lines.ends:
         lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
     words += [""] * (width - count)
@@ -393,6 +396,22 @@ def _values(
         except ValueError:
             pass  # words for blanks, quotes, or an error that is named below
     return [_number(lines, line, word.strip().strip('"').strip()) for word in words]
+
+
+def commas(separator: str | None, count: int, width: int) -> str:
+    """Return the end of a message if a row looks as if a comma were the decimal mark, too.
+
+    Args:
+        separator: separator of the columns.
+        count: numbers in the row.
+        width: columns that the head names.
+    """
+    if separator != "," or count < 2 * width - 2:
+        return ""
+    return (
+        ": a comma seems to be the decimal mark, too; export the table with decimal points, or with"
+        " semicolons between the columns"
+    )
 
 
 def _told(lines: TextLines, line: int, number: Callable[[str], str], word: str) -> str:
@@ -412,216 +431,3 @@ def _number(lines: TextLines, line: int, word: str) -> float:
     if not is_number(word) or "," in word:
         lines.fail(f"got {short(word)}, allowed a number", line)
     return float(word)
-
-
-def poses_of(positions: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return poses (n, 4, 4) from positions (n, 3) and quaternions x, y, z, w (n, 4).
-
-    NaN where one of them is not seen. The data type is that of the positions.
-    """
-    poses = np.full((len(positions), 4, 4), np.nan, dtype=positions.dtype)
-    poses[:, 3] = [0, 0, 0, 1]
-    poses[:, :3, 3] = positions
-    seen = np.isfinite(turns).all(axis=1) & (np.linalg.norm(turns, axis=1) > 0.5)
-    if seen.any():
-        poses[seen, :3, :3] = Rotation.from_quat(turns[seen]).as_matrix()
-    return poses
-
-
-def unit_turns(turns: np.ndarray) -> np.ndarray:
-    """Return quaternions (..., 4) of length 1, NaN where their length is not 1 to within 0.1."""
-    # Large numbers are excluded first, because their squares could be infinite.
-    sane = (np.abs(turns) < 2).all(axis=-1, keepdims=True)
-    size = np.linalg.norm(np.where(sane, turns, 0), axis=-1, keepdims=True)
-    return np.where(np.abs(size - 1) < 0.1, turns / np.where(size > 0, size, 1), np.nan)
-
-
-_UNITS: Final = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
-_SHORTEST, _STAMPS_LONGEST = 0.9e-3, 0.7
-"""Limits of the median step between frames [s]: at most one unit gives a step between them."""
-SLOWEST, FASTEST = 0.01, 10_000.0
-"""Limits of a stated rate [Hz]."""
-RATES: Final = f"frames per second from {SLOWEST:g} to {FASTEST:g}"
-LONGEST: Final = 1e7
-"""Longest duration of a recording: four months [s]."""
-_ALIKE: Final = 0.1
-"""Relative difference that times and a stated rate may have."""
-_OTHERS: Final = 0.02
-"""Share of frames that may have the time of the frame before and other content, by mistake."""
-_UNIT: Final = r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds"
-_TIMES: Final = re.compile(
-    r"[%#]?\s*(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
-    rf"(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|[\s_.]+(?P<tail>{_UNIT}))?",
-    re.IGNORECASE,
-)
-_SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
-"""First letter of a unit of time -> the unit [s]; the mu is the Greek one that `casefold` gives."""
-
-
-def to_seconds(
-    where: str,
-    stamps: np.ndarray,
-    unit: float | None = None,
-    shown: Sequence[np.ndarray] = (),
-    remedy: str = "",
-) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times from zero [s], the frames that are kept (n,) bool, and sentences.
-
-    A frame with the time of the frame before it is left out.
-
-    Args:
-        where: the file's name, for messages.
-        stamps: the time column (n,).
-        unit: its unit [s]; None finds it.
-        shown: content of the frames, arrays (n, ...): frames of equal time should be equal.
-        remedy: what the user can do if they differ, for the message.
-
-    Raises:
-        RecordingError: if a time is missing, time runs backwards, no unit fits, or many frames of
-            equal time differ.
-    """
-    if not len(stamps):
-        raise RecordingError(f"{where}: got no frame, allowed a recording with movement in it")
-    if len(lost := np.flatnonzero(~np.isfinite(stamps))):
-        raise RecordingError(f"{where}: frame {lost[0] + 1} has no time")
-    time = stamps - stamps[0]
-    steps = np.diff(time)
-    if len(back := np.flatnonzero(steps < 0)):
-        at = int(back[0])
-        raise RecordingError(
-            f"{where}: time runs backwards from frame {at + 1} to {at + 2}, from"
-            f" {stamps[at]:.10g} to {stamps[at + 1]:.10g}"
-        )
-    notes = []
-    if unit is None:
-        usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.01
-        fitting = [each for each in _UNITS if _SHORTEST <= each * usual < _STAMPS_LONGEST]
-        if not fitting:
-            raise RecordingError(
-                f"{where}: the frames are {usual:g} apart in time, allowed a thousandth to 0.7 of a"
-                " second in seconds, milliseconds, microseconds or nanoseconds"
-            )
-        unit = fitting[0]
-        if unit != 1.0:
-            notes.append(f"Times are taken as {_UNITS[unit]}.")
-    time = unit * time
-    kept, said = drop_duplicate_times(where, time, shown, remedy)
-    return time[kept], kept, [*said, *notes, _spacing(time[kept])]
-
-
-def drop_duplicate_times(
-    where: str, time: np.ndarray, shown: Sequence[np.ndarray], remedy: str = ""
-) -> tuple[np.ndarray, list[str]]:
-    """Return the frames with another time than the frame before, (n,) bool, and sentences.
-
-    Args:
-        where: the file's name, for messages.
-        time: times that do not run backwards (n,).
-        shown: content of the frames, arrays (n, ...).
-        remedy: what the user can do if frames of equal time differ, for the message.
-
-    Raises:
-        RecordingError: if many frames of equal time differ.
-    """
-    kept = np.concatenate([[True], np.diff(time) > 0])
-    again = np.flatnonzero(~kept)
-    if not len(again):
-        return kept, []
-    others = 0
-    for begin in range(0, len(again), _BLOCK):
-        at = again[begin : begin + _BLOCK]
-        same = np.ones(len(at), dtype=bool)
-        for values in shown:
-            same &= are_alike(values[at], values[at - 1])
-        others += int((~same).sum())
-    if others > _OTHERS * len(kept):
-        raise RecordingError(
-            f"{where}: {others} of {len(kept)} frames have the time of the frame before and show"
-            " something else, so the times are too coarse or there are several people, allowed"
-            f" times that increase{remedy}"
-        )
-    differing = f" ({others} of them differ from it)" if others else ""
-    return kept, [
-        f"{len(again)} of {len(kept)} frames have the time of the frame before{differing} and are"
-        " left out."
-    ]
-
-
-def time_head(word: str) -> tuple[bool, float | None]:
-    """Return whether a column's head is that of times, and the unit that it states [s]."""
-    match = _TIMES.fullmatch(word)
-    stated = match and (match["unit"] or match["tail"])
-    return match is not None, tick_of(stated) if stated else None
-
-
-def tick_of(word: str) -> float | None:
-    """Return the unit of time that a word denotes [s]; None if it denotes none."""
-    return _SECONDS[word.casefold()[0]] if re.fullmatch(_UNIT, word, re.IGNORECASE) else None
-
-
-def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
-    """Return the unit of times [s] with which their step agrees with a stated rate, and sentences.
-
-    If no unit agrees, the times are taken as seconds, and a sentence says so: a rate in a header is
-    often copied.
-
-    Args:
-        stamps: the time column (n,).
-        rate: frames per second that the file states [Hz].
-    """
-    steps = np.diff(stamps)
-    steps = steps[steps > 0]
-    if not len(steps):
-        return 1.0, []
-    usual = float(np.median(steps))
-    for unit, name in _UNITS.items():
-        if abs(unit * usual * rate - 1) <= _ALIKE:
-            said = f"Times are taken as {name}: the file states {rate:g} frames per second."
-            return unit, [] if unit == 1.0 else [said]
-    return 1.0, [
-        f"The file states {rate:g} frames per second, but its times give {1 / usual:.4g}: the times"
-        " are used."
-    ]
-
-
-def uniform_times(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
-    """Return times from zero [s] of frames whose rate was stated [Hz], and sentences.
-
-    Raises:
-        RecordingError: if the rate is out of range.
-    """
-    if not SLOWEST <= rate <= FASTEST:
-        raise RecordingError(f"{where}: rate: got {rate:g}, allowed {RATES}")
-    return np.arange(count) / rate, [f"There are {rate:g} frames per second, as stated."]
-
-
-def count_repeated_frames(positions: np.ndarray) -> list[str]:
-    """Return a sentence with the number of frames that repeat the frame before, if many do."""
-    count = 0
-    for at in range(1, len(positions), _BLOCK):
-        now = positions[at : at + _BLOCK]
-        before = positions[at - 1 : at - 1 + len(now)]
-        count += int(are_alike(now, before).sum())
-    if count < 0.01 * len(positions):
-        return []
-    return [f"{count} of {len(positions)} frames repeat the frame before."]
-
-
-def are_alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Return which frames (n, ...) equal others (n, ...), with NaN equal to NaN, (n,) bool."""
-    same = (now == before) | (np.isnan(now) & np.isnan(before))
-    return same.all(axis=tuple(range(1, same.ndim)))
-
-
-def _spacing(time: np.ndarray) -> str:
-    """Return a sentence about the time between frames."""
-    steps = np.diff(time)
-    if not len(steps):
-        return "There is one frame."
-    usual = float(np.median(steps))
-    if np.abs(steps - usual).max() < 0.1 * usual:
-        return f"The frames are uniform in time, {usual:.4g} s apart."
-    return (
-        f"The frames are not uniform in time: {usual:.4g} s apart in the median,"
-        f" {steps.max():.4g} s at most."
-    )

@@ -7,7 +7,6 @@ programs save such files with commas.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -22,8 +21,8 @@ from ergoqp.mocap.formats.text import (
     separator_of,
     short,
     text_lines,
-    unit_by_rate,
 )
+from ergoqp.mocap.formats.times import unit_by_rate
 from ergoqp.mocap.recording import JointMotion, count_note, with_times
 
 UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254} | {
@@ -51,32 +50,41 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         keys, values = lines.next("the row of keys"), lines.next("the row of values")
         row = lines.next("the names of the markers")
         separator = separator_of(row)
-        named = zip(cells(keys, separator), cells(values, separator), strict=False)
-        stated = {key.lower(): value for key, value in named}
+        pairs = zip(cells(keys, separator), cells(values, separator), strict=False)
+        stated = {key.lower(): value for key, value in pairs}
         head = cells(row, separator)
         if [word.lower() for word in head[:1]] != ["frame#"]:
             lines.fail(f"got {short(head[0] if head else '')}, allowed Frame#")
-        names = [word for word in head[2:] if word]
-        if not names:
+        named = {i: word for i, word in enumerate(head[2:]) if word}
+        if not named:
             lines.fail("got no marker, allowed a name above each three columns")
-        if twice := [name for name, count in Counter(names).items() if count > 1]:
-            lines.fail(f"got the marker {short(twice[0])} twice, allowed each once")
-        at = [i for i, word in enumerate(head[2:]) if word]
+        at, names = list(named), list(named.values())
         # Some programs write the names directly after each other.
-        if at != list(range(0, 3 * len(at), 3)) and at != list(range(len(at))):
-            lines.fail("got names that are not three columns apart, allowed one for each marker")
+        if any(i % 3 for i in at):
+            if at != list(range(len(at))):
+                lines.fail(
+                    "got names that are not three columns apart, allowed one for each marker"
+                )
+            at = [3 * i for i in at]
         if "x" not in (below := lines.next("the names of the coordinates")).lower():
             lines.fail(f"got {short(below)}, allowed X1, Y1, Z1 and so on")
-        width = 2 + 3 * len(names)
+        # Cortex writes markers without a name: their columns have coordinates and no name above.
+        count = max(at[-1] // 3 + 1, _coordinates(cells(below, separator)) // 3)
+        which = [2 + column + i for column in at for i in range(3)]
         stamps, positions = read_rows(
-            lines, separator, width, lambda rows: (rows[:, 1], points_of(rows[:, 2:]))
+            lines,
+            separator,
+            2 + 3 * count,
+            lambda rows: (rows[:, 1], points_of(rows[:, which])),
         )
     # Some programs write other units than seconds, which follow from the rate.
     rate = stated.get("datarate", "").replace(",", ".")
     second, notes = unit_by_rate(stamps, float(rate)) if is_number(rate) else (1.0, [])
+    lost = count - len(names)
     counts = [
+        *([f"{lost} markers have no name and are left out."] if lost else []),
         *count_note(stated.get("numframes", ""), len(positions), "frames"),
-        *count_note(stated.get("nummarkers", ""), len(names), "markers"),
+        *count_note(stated.get("nummarkers", ""), count, "markers"),
     ]
     motion = JointMotion(
         tuple(names),
@@ -86,5 +94,10 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         markers=True,
         unit=UNITS.get(stated.get("units", "").lower()),
     )
-    motion = with_times(path.name, motion, second)
+    motion = with_times(path.name, motion.once(), second)
     return replace(motion, notes=(*notes, *motion.notes))
+
+
+def _coordinates(words: list[str]) -> int:
+    """Return the number of coordinates (X1, Y1, Z1 and so on) in a row."""
+    return sum(word[:1].upper() in {"X", "Y", "Z"} for word in words)

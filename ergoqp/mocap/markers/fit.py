@@ -31,6 +31,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 from typing import Final
 
 import casadi as ca
@@ -41,6 +42,7 @@ from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import Marker, base_jacobian
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
 from ergoqp.mocap.fitting.neutral import first_middle
+from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.markers.rigid import brought_to, shape_of
 from ergoqp.mocap.naming import LANDMARK_SEGMENTS, RIGID, evaluated, growth_of, of_any_body
 from ergoqp.mocap.recording import JointMotion
@@ -79,25 +81,38 @@ _APART: Final = (
     ("outer_ankle", "asis", 0.15),
 )
 """Landmark, pair that defines the sideways direction, and how far crossed limbs may cross [m]."""
-_WIDE: Final = 0.12
-"""Largest width of a wrist between its two markers [m]."""
+_WIDE: Final = 0.14
+"""Largest width of a wrist between its two markers [m]: a wrist is up to 8 cm wide, and the markers
+of a bar across it stand up to 3 cm off the skin on each side."""
+
+AS_STATED: Final = "The markers are where their names say, as stated"
+"""Begin of the sentence about markers in impossible places whose names are trusted."""
 
 
-def check_order(where: str, at: Mapping[str, np.ndarray]) -> None:
+def check_order(where: str, at: Mapping[str, np.ndarray], *, trusted: bool = False) -> list[str]:
     """Raise if markers cannot be where their names say.
 
     Args:
         where: the recording's name, for messages.
         at: landmark -> positions (n, 3) [m] in a sample of frames; NaN where not seen.
+        trusted: whether the names are right, wherever the markers are.
+
+    Returns:
+        A sentence with all such markers if the names are trusted; else none.
 
     Raises:
-        RecordingError: if so, with the landmarks.
+        RecordingError: if so, with the first landmarks.
     """
-    for found in _impossible(at):
+    found = list(_impossible(at)) if trusted else list(islice(_impossible(at), 1))
+    if not found:
+        return []
+    if not trusted:
         raise RecordingError(
-            f"{where}: got markers in impossible places ({found}), allowed markers where their"
-            " names say; exchange their names (mapping), or reverse a mirrored axis"
+            f"{where}: got markers in impossible places ({found[0]}), allowed markers where their"
+            " names say; exchange their names (mapping), reverse a mirrored axis, or state that"
+            " the names are right (trust names)"
         )
+    return [f"{AS_STATED}, although {some(found, 4, longest=90)}."]
 
 
 def _impossible(at: Mapping[str, np.ndarray]) -> Iterator[str]:

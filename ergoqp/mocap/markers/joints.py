@@ -22,8 +22,15 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
-from ergoqp.mocap.markers.fit import check_order
+from ergoqp.mocap.markers.fit import AS_STATED, check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
+from ergoqp.mocap.markers.shoulders import (
+    Sliding,
+    axes_of,
+    sliding_of,
+    sliding_said,
+    turned,
+)
 from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
 
@@ -112,34 +119,81 @@ def centres_of_landmarks(
         widths: widths of the person.
         size: width between the ASIS and depth from them to the PSIS [m]; NaN if unknown.
     """
+    return centres_and_doubts(at, widths, size, {})[0]
+
+
+def centres_and_doubts(
+    at: Mapping[str, np.ndarray],
+    widths: Widths,
+    size: tuple[float, float],
+    sliding: Mapping[str, Sliding],
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the centres of `centres_of_landmarks`, and the doubts about the upper arms.
+
+    Args:
+        at: as in `centres_of_landmarks`.
+        widths: as in `centres_of_landmarks`.
+        size: as in `centres_of_landmarks`.
+        sliding: side -> how the acromion's marker slides, where it may.
+
+    Returns:
+        The centres, and for each side of `sliding` the half-angle by which the direction of the
+        upper arm may be off (n,) [rad].
+    """
     place = _Landmarks(at)
     level, hips = _hips(place, size)
     trunk, down, left = _trunk(place, hips)
+    shoulders, doubts = _shoulders(place, down, left, widths, sliding)
     left = either(left, level)
-    centres = {**hips, **trunk, **_shoulders(place, down, widths)}
+    centres = {**hips, **trunk, **shoulders}
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
         shoulder = centres[f"{side}_shoulder"]
         centres |= _arm(side, out, place, shoulder, (left, down), widths)
         centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
-    return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}
+    return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}, doubts
 
 
 def roots_of(
-    at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
+    at: Mapping[str, np.ndarray],
+    widths: Widths,
+    size: tuple[float, float],
+    sliding: Mapping[str, Sliding],
 ) -> dict[str, np.ndarray]:
-    """Return hips and shoulders (n, 3) [m], which do not depend on the markers of the limbs.
+    """Return hips and shoulders (n, 3) [m], which the limbs' distances begin at.
 
     Args:
         at: as in `centres_of_landmarks`.
         widths: as in `centres_of_landmarks`.
         size: as in `centres_of_landmarks`.
+        sliding: as in `centres_and_doubts`.
     """
     place = _Landmarks(at)
     _, hips = _hips(place, size)
-    _, down, _ = _trunk(place, hips)
-    return hips | _shoulders(place, down, widths)
+    _, down, left = _trunk(place, hips)
+    return hips | _shoulders(place, down, left, widths, sliding)[0]
+
+
+def _sliding(
+    at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
+) -> dict[str, Sliding]:
+    """Return side -> how its acromion's marker slides, by a sample of frames, where it may."""
+    place = _Landmarks(at)
+    _, hips = _hips(place, size)
+    _, down, left = _trunk(place, hips)
+    # The shoulders themselves are no place on the trunk.
+    neck = (place["c7"] + place["notch"]) / 2
+    seen = [np.isfinite(each[:, 0]).sum() for each in (neck, place["c7"], place["notch"])]
+    trunk = (neck, place["c7"], place["notch"])[int(np.argmax(seen))]
+    axes = axes_of(down, left)
+    found: dict[str, Sliding] = {}
+    for side, below in zip(SIDES, _below(place, down, widths), strict=True):
+        arm = turned(axes, place[f"{side}_outer_elbow"] - below)
+        sliding = sliding_of(arm, turned(axes, place[f"{side}_acromion"] - trunk))
+        if sliding is not None:
+            found[side] = sliding
+    return found
 
 
 class _Landmarks(dict[str, np.ndarray]):
@@ -183,10 +237,25 @@ def _trunk(
     return {"neck": neck}, down, left
 
 
-def _shoulders(place: _Landmarks, down: np.ndarray, widths: Widths) -> dict[str, np.ndarray]:
-    return {
-        f"{side}_shoulder": place[f"{side}_acromion"] + widths.shoulder * down for side in SIDES
-    }
+def _below(place: _Landmarks, down: np.ndarray, widths: Widths) -> list[np.ndarray]:
+    """Return the right and the left shoulder below markers that do not slide (n, 3)."""
+    return [place[f"{side}_acromion"] + widths.shoulder * down for side in SIDES]
+
+
+def _shoulders(
+    place: _Landmarks,
+    down: np.ndarray,
+    left: np.ndarray,
+    widths: Widths,
+    sliding: Mapping[str, Sliding],
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the shoulders, and the doubts about the upper arms of the sides that may slide."""
+    shoulders: dict[str, np.ndarray] = dict(zip(SIDES, _below(place, down, widths), strict=True))
+    doubts: dict[str, np.ndarray] = {}
+    for side, each in sliding.items():
+        elbow = place[f"{side}_outer_elbow"]
+        shoulders[side], doubts[side] = each.joint(shoulders[side], elbow, axes_of(down, left))
+    return {f"{side}_shoulder": path for side, path in shoulders.items()}, doubts
 
 
 def _head(place: _Landmarks) -> dict[str, np.ndarray]:
@@ -344,8 +413,11 @@ def joints_of_markers(
     given: Mapping[str, Marker],
     unit: float,
     progress: Progress = unseen,
-) -> tuple[dict[str, np.ndarray], list[str], Astray]:
-    """Return joint centre -> positions (n, 3) [m], sentences, and the markers that are left out.
+) -> tuple[dict[str, np.ndarray], list[str], Astray, dict[str, np.ndarray]]:
+    """Return joint centre -> positions (n, 3) [m], sentences, markers left out, and doubts.
+
+    The doubts are the half-angles by which the direction of an upper arm may be off, because the
+    acromion's marker slides: ``right_upper_arm``, ``left_upper_arm`` -> (n,) [rad].
 
     Args:
         motion: the markers.
@@ -357,7 +429,7 @@ def joints_of_markers(
         progress: is called with the share of the frames that is done.
 
     Raises:
-        RecordingError: if the pelvis cannot be placed, or markers are in impossible places.
+        RecordingError: if the pelvis cannot be placed.
     """
     every = max(1, len(motion.time) // _SAMPLE)
     # If one marker of a wrist is never seen, the wrist is computed from the other one.
@@ -377,12 +449,13 @@ def joints_of_markers(
                 unplaced += f"; t{sentence[1:-1]}"
         raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
-    check_order(where, sample)
-    links = Links(roots_of(sample, widths, size) | sample)
+    sliding = _sliding(sample, widths, size)
+    links = Links(roots_of(sample, widths, size, sliding) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
     around = round(_ON_ITS_WAY / step)
     # One array per centre, so that the memory of each can be freed separately.
     centres: dict[str, np.ndarray] = {}
+    doubts = {side: np.zeros(count, dtype=np.float32) for side in SIDES}
     filled: Counter[str] = Counter()
     astray: Astray = {}
     for start in range(0, count, _BLOCK):
@@ -394,13 +467,15 @@ def joints_of_markers(
         for segment in segments:
             for name, away in segment.complete(at, block, unit, filled, inside).items():
                 _add(astray, name, start, away[inside])
-        for name, away in links.astray(roots_of(at, widths, size) | at, around).items():
+        for name, away in links.astray(roots_of(at, widths, size, sliding) | at, around).items():
             # The shoulder is computed from the acromion, so the acromion is the wrong marker.
             landmark = name.replace("shoulder", "acromion")
             if landmark in at:
                 _add(astray, landmark, start, away[inside])
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
-        found = centres_of_landmarks(at, widths, size)
+        found, doubtful = centres_and_doubts(at, widths, size, sliding)
+        for side, half in doubtful.items():
+            doubts[side][start : start + _BLOCK] = half[inside]
         found |= {name: path for name, path in at.items() if name in CENTRES}
         for name, path in found.items():
             if name not in centres:
@@ -409,7 +484,35 @@ def joints_of_markers(
         progress(min((start + _BLOCK) / count, 1.0))
     bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
     how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
-    return centres, [*how, *astray_said(motion, astray), *said], astray
+    how += sliding_said(sliding, doubts)
+    said = [*how, *astray_said(motion, astray), *said]
+    return centres, said, astray, {f"{side}_upper_arm": half for side, half in doubts.items()}
+
+
+def in_order(
+    motion: JointMotion,
+    where: str,
+    landmarks: Mapping[str, tuple[int, ...]],
+    unit: float,
+    trusted: bool,
+) -> JointMotion:
+    """Return markers that are where their names say; a note says if that is stated against them.
+
+    Args:
+        motion: the markers.
+        where: the recording's name, for messages.
+        landmarks: landmark -> indices of its markers.
+        unit: the file's unit of length [m].
+        trusted: whether the names are right, wherever the markers are.
+
+    Raises:
+        RecordingError: if markers are in impossible places and the names are not trusted.
+    """
+    every = max(1, len(motion.time) // _SAMPLE)
+    said = check_order(where, _at(landmarks, motion.positions[::every], unit), trusted=trusted)
+    # It is not repeated when lost markers have been estimated.
+    before = any(AS_STATED in note for note in motion.notes)
+    return motion if before else replace(motion, notes=(*motion.notes, *said))
 
 
 def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:

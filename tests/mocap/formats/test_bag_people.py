@@ -131,7 +131,7 @@ def test_ready_angles_in_degrees(bag: Bag) -> None:
     said = sentence(bag, [(t, "/human", bag.angles(t, dict.fromkeys(JOINTS, 45.0))) for t in TIMES])
     assert said == (
         "take.bag: the trunk flexion reaches 45 rad, allowed two whole turns: the angles may be in"
-        " degrees"
+        " degrees; or state that the angles are right (trust angles)"
     )
 
 

@@ -10,6 +10,10 @@ from small_files import TABLE, read, refused, write
 
 from ergoqp.mocap.formats.table import read_table
 
+COMMAS = (
+    r"^a.csv, line 2: got a row of 13 numbers below a head of 7 names, allowed as many: a comma"
+    " seems to be the decimal mark, too; export the table with decimal points, or with semicolons"
+)
 HEAD, _, ROWS = TABLE.partition("\n")
 
 
@@ -40,6 +44,28 @@ def test_units_of_time(column: str, factor: float, tmp_path: Path) -> None:
     content = content.replace("0.2,", f"{0.2 * factor},")
     motion = read(read_table, write(tmp_path / "a.csv", content))
     assert motion.time == pytest.approx([0, 0.1, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (f"{HEAD}\n" + "0,1,0,2,0,3,0,4,0,5,0,6,0\n" * 3, COMMAS),
+        (
+            f"{HEAD}\n" + "0,1,2,3,4,5,6,7\n" * 3,
+            "a row of 8 numbers below .* 7 .*name every column",
+        ),
+        (TABLE.replace("hip.z", "hip.z,"), None),
+        (TABLE.replace("\n", ",,\n"), None),
+        (TABLE.replace("0.2,-1e-1", "0,2,-1e-1"), "line 4: got a row of 8 numbers, allowed 7$"),
+        (headed("a note, of two words", HEAD), None),
+    ],
+)
+def test_a_row_is_as_wide_as_the_head(content: str, sentence: str | None, tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", content)
+    if sentence is None:
+        assert read(read_table, path).names == ("neck", "hip")
+    else:
+        refused(read_table, path, sentence)
 
 
 @pytest.mark.parametrize(

@@ -220,10 +220,6 @@ BROKEN = {
         "frame '1': got 'two' among 3 words for jointAngle",
     ),
     "joined digits": (MVNX.replace("1 2 10", "1 2 1_0"), "frame '1': got '1_0' among 3 words"),
-    "NaN": (
-        MVNX.replace("1 2 10", "1 nan 10"),
-        "frame '1': got 'nan' among 3 words for jointAngle, allowed 3",
-    ),
     "too large": (MVNX.replace("1 2 10", "1 2 1e300"), "frame '1': got '1e300' among 3 words"),
     "no index": (
         MVNX.replace('index="1"', ""),

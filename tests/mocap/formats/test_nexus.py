@@ -60,7 +60,6 @@ BROKEN = {
     "rate 0": (NEXUS.replace("\n10\n", "\n0\n"), "line 2: got '0', allowed frames per second"),
     "no axes": (NEXUS.replace("Frame,Sub", "A,B"), "line 4: got 'A,B Frame,.*, allowed Frame, Sub"),
     "no names": (NEXUS.replace("Anna:LASI", "").replace("Anna:R Knee", ""), "got no marker with"),
-    "a name twice": (NEXUS.replace("R Knee", "LASI"), "got the marker 'Anna:LASI' twice"),
     "no unit": (NEXUS.replace("mm", "ft"), "got the units 'ft', allowed mm, cm or m"),
     "two units": (NEXUS.replace("mm", "m", 3), "got the units 'm, mm', allowed mm, cm or m"),
     "a word": (NEXUS.replace("2.5", "x"), "line 7: .*'x'"),

@@ -87,6 +87,8 @@ def test_no_joint_turns_round(name: str, sign: int) -> None:
     far = {**given, name: np.where(np.arange(COUNT) == 7, sign * 3.7, 0.3)}
     with pytest.raises(RecordingError, match=rf"{name} reaches 3\.7 rad, allowed 3\.6 rad: the un"):
         check_unit(FULL_BODY, far, "a.mot")
+    said = check_unit(FULL_BODY, far, "a.mot", trusted=True)
+    assert said == [f"The unit of the angles is right, as stated, although {name} reaches 3.7 rad."]
     near = {**given, name: np.where(np.arange(COUNT) == 7, sign * 3.5, 0.3)}
     assert check_unit(FULL_BODY, near, "a.mot") == []
 
@@ -133,6 +135,9 @@ def test_a_hinge_of_the_wrong_sign_is_refused_by_name(wrong: tuple[str, ...]) ->
     assert not any(name in str(told.value) for name in others)
     degrees = "65" if named[0].startswith("knee") else "45"
     assert f"by up to {degrees} deg, allowed 10 deg: the sign of the angle" in str(told.value)
+    assert str(told.value).endswith("(trust angles)")
+    said = " ".join(with_bent_hinges(given, "a.mot", trusted=True)[1])
+    assert all(f"{name} is bent backward by more than 10 deg" in said for name in named)
 
 
 @pytest.mark.parametrize("lacks", [(), ("knee_angle_l",), ("knee_angle_r",)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.mocap.formats.text import (
+from ergoqp.mocap.formats.times import (
     count_repeated_frames,
     time_head,
     to_seconds,
@@ -26,7 +26,9 @@ def test_the_unit_is_found(factor: float, said: str | None, begin: float) -> Non
     time, kept, notes = to_seconds("a", factor * (begin + STEPS))
     assert time == pytest.approx(STEPS, abs=1e-6)
     assert kept.all()
-    assert (f"Times are taken as {said}." in notes) == (said is not None)
+    assert any(note.startswith(f"Times are taken as {said}") for note in notes) == (
+        said is not None
+    )
     assert notes[-1] == (
         "The frames are not uniform in time: 0.1 s apart in the median, 0.15 s at most."
     )
@@ -72,7 +74,7 @@ def test_times_increase_whatever_is_rounded(stamps: list[float], unit: float | N
     ("stamps", "sentence"),
     [
         ([], "^a: got no frame, allowed a recording with movement in it$"),
-        ([0, np.nan, 1], "^a: frame 2 has no time$"),
+        ([0, np.nan, 1, np.nan, np.nan], "^a: frame 2 has no time$"),
         ([0, 0.2, 0.1], r"^a: time runs backwards from frame 2 to 3, from 0\.2 to 0\.1$"),
         ([0, 1e15, 2e15], r"^a: the frames are 1e\+15 apart in time, allowed a"),
         ([0, 1e-5, 2e-5], r"^a: the frames are 1e-05 apart in time, allowed a"),
@@ -81,6 +83,55 @@ def test_times_increase_whatever_is_rounded(stamps: list[float], unit: float | N
 def test_what_is_no_time_is_told(stamps: list[float], sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence):
         to_seconds("a", np.array(stamps, dtype=float))
+
+
+def test_frames_without_a_time_are_left_out() -> None:
+    time, kept, notes = to_seconds("a", np.array([np.nan, 5.0, 5.1, np.nan, 5.2, 5.2, 5.3]))
+    np.testing.assert_allclose(time, [0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(np.flatnonzero(kept), [1, 2, 4, 6])
+    assert notes[0] == "2 of 7 frames have no time and are left out."
+
+
+TICKS = "Times are taken as ticks of 100 nanoseconds"
+MICRO = "Times are taken as microseconds"
+NANO = "Times are taken as nanoseconds"
+NET = 637_000_000_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "unit", "said"),
+    [
+        # Without a date the rate decides: a usual one before a rare one.
+        (0, 1_000_000, 1e-7, f"{TICKS}."),  # 10 Hz, and not 1000
+        (0, 333_333, 1e-7, f"{TICKS}."),  # 30 Hz, and not 3
+        (0, 166_666, 1e-7, f"{TICKS}."),
+        (0, 33_333, 1e-6, f"{MICRO}."),  # 30 Hz; 300 as ticks
+        (0, 8_333_333, 1e-9, f"{NANO}."),  # 120 Hz; 1.2 as ticks
+        (0, 2_000, 1e-6, f"{MICRO}."),
+        (
+            0,
+            100_000,
+            1e-6,
+            f"{MICRO}, 10 frames per second (they would be 100 as ticks of 100 nanoseconds).",
+        ),
+        # A date shows it.
+        (NET, 1_000_000, 1e-7, f"{TICKS}."),
+        (NET, 100_000, 1e-7, f"{TICKS}."),
+        (132_000_000_000_000_000, 100_000, 1e-7, f"{TICKS}."),
+        (1_600_000_000_000_000, 500_000, 1e-6, f"{MICRO}."),
+        (1_600_000_000_000_000_000, 1_000_000, 1e-9, f"{NANO}."),
+        (1_600_000_000_000, 33, 1e-3, "Times are taken as milliseconds."),
+        (1_600_000_000, 0.033, 1.0, None),
+    ],
+)
+def test_the_unit_by_the_date_and_the_rate(
+    first: float, step: float, unit: float, said: str | None
+) -> None:
+    stamps = first + step * np.arange(20.0)
+    time, kept, notes = to_seconds("a", stamps)
+    assert kept.all()
+    np.testing.assert_allclose(time[-1], 19 * unit * step, rtol=1e-3)
+    assert [note for note in notes if note.startswith("Times")] == ([] if said is None else [said])
 
 
 def test_one_frame_and_frames_of_one_time() -> None:

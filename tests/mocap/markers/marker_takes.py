@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.made_markers import markers_of
-from benchmarks.made_motions import BODY, RATE, moved, read_angles
+from benchmarks.made_motions import BODY, RATE, moved
 from benchmarks.recording_outcomes import OFF as OFF
+from benchmarks.recording_outcomes import known as known
+from benchmarks.recording_outcomes import outside
+from benchmarks.recording_outcomes import seen as seen
 from ergoqp.mocap import Recording, fit_postures
 
 
@@ -44,14 +47,12 @@ def without(*gone: str) -> tuple[tuple[str, ...], list[int]]:
 
 
 def worst(recording: Recording, rows: np.ndarray | slice | None = None) -> float:
-    """How far trunk, an upper arm, an elbow or a knee is off at most where it is scored [deg].
+    """How far trunk, an upper arm, an elbow or a knee is outside its ends at most [deg].
 
     From what is read of the markers when nothing is wrong with them, as in
     `benchmarks.recording_outcomes`.
     """
-    found, right = read_angles(recording.postures), read_angles(undisturbed().postures)
-    off = np.max([np.abs(found[name] - right[name]).max(axis=1) for name in right], axis=0)
-    off = np.where(recording.scored, off, 0.0)
+    off = np.where(recording.scored, outside(recording, undisturbed().postures), 0.0)
     return float(off.max() if rows is None else off[rows].max(initial=0.0))
 
 

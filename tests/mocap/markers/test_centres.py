@@ -183,7 +183,7 @@ def test_what_is_lost_takes_nothing_else_along(lost: str) -> None:
         np.testing.assert_allclose(found[name][10:], path[10:], atol=1e-12)
         if side and name.startswith(SIDES) and not name.startswith(side) and "asis" not in lost:
             assert np.isfinite(found[name]).all()
-    assert set(roots_of(at, Widths(), SIZE)) == {
+    assert set(roots_of(at, Widths(), SIZE, {})) == {
         f"{each}_{joint}" for each in SIDES for joint in ("hip", "shoulder")
     }
 

@@ -7,14 +7,13 @@ import pytest
 
 from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, fitted, walk
+from benchmarks.recording_outcomes import outside, seen
 from ergoqp.joints import INDEX
 from ergoqp.mocap import Recording, fit_postures
 from ergoqp.mocap.markers.fit import SEGMENTS, _placed_with_slope, told_markers
 from ergoqp.mocap.naming import growth_of
-from ergoqp.sheets.description import elevation_of
 
 LOST = slice(100, 200)
-BENT = [f"{side}_{joint}_flexion" for side in ("right", "left") for joint in ("elbow", "knee")]
 
 
 @pytest.fixture(scope="module")
@@ -134,11 +133,8 @@ def taken(walked, lost: tuple[str, ...]) -> Recording:
 
 
 def worst(recording: Recording, postures: np.ndarray) -> float:
-    """Return the largest change of the angles that score, of the frames that are scored [deg]."""
-    columns = [INDEX[name] for name in ("trunk_flexion", *BENT)]
-    off = np.abs(recording.postures - postures)[:, columns].max(axis=1)
-    raised = np.abs(elevation_of(recording.postures)[0] - elevation_of(postures)[0]).max(axis=1)
-    return float(np.degrees(np.maximum(off, raised)[recording.scored].max()))
+    """Return how far the angles that score are outside their ends at most [deg]."""
+    return float(outside(recording, postures).max())
 
 
 @pytest.mark.slow
@@ -147,18 +143,18 @@ def worst(recording: Recording, postures: np.ndarray) -> float:
 )
 def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
     recording, whole = taken(walked, lost), taken(walked, ())
-    assert recording.scored[LOST].all()
+    assert seen(recording)[LOST].all()
     assert worst(recording, whole.postures) < 5
     assert any(
         "lost markers are estimated from the others" in each for each in recording.assumptions
     )
     monkeypatch.setattr("ergoqp.mocap.markers.fit.completed", lambda *given: None)
     alone = taken(walked, lost)
-    assert not alone.scored[LOST].any()
+    assert not seen(alone)[LOST].any()
 
 
 @pytest.mark.slow
 def test_what_is_not_told_stays_lost(walked):
     recording, whole = taken(walked, ("LWRA", "LWRB")), taken(walked, ())
-    assert not recording.scored[LOST].all()
+    assert not seen(recording)[LOST].all()
     assert worst(recording, whole.postures) < 5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from marker_takes import NAMES, PLACES, at, fallen, read
+from marker_takes import NAMES, PLACES, at, fallen, read, said
 
 from ergoqp.errors import RecordingError
 from ergoqp.mocap.markers.fit import check_order
@@ -54,10 +54,29 @@ def renamed(names: str, rows: slice = EVERYWHERE) -> np.ndarray:
 def test_names_that_are_exchanged_for_the_whole_take(names: str) -> None:
     what = (
         rf"got markers in impossible places \({WRONG[names]}.*\), allowed markers where their names"
-        " say"
+        r" say; .* or state that the names are right \(trust names\)"
     )
     with pytest.raises(RecordingError, match=what):
         read(renamed(names))
+
+
+def test_names_that_are_trusted_are_read_with_a_sentence() -> None:
+    found = said(read(renamed("LTIB RTIB"), trust=["names"]))
+    assert found.count("The markers are where their names say, as stated, although ") == 1
+    assert "the left shank is to the right of the right one" in found
+    with pytest.raises(RecordingError, match="trust names"):
+        read(renamed("LTIB RTIB"), trust=["sides", "angles"])
+
+
+@pytest.mark.parametrize(("wide", "fine"), [(0.13, True), (0.15, False)])
+def test_the_markers_of_a_wrist_bar_stand_off_the_skin(wide: float, fine: bool) -> None:
+    middle, across = np.zeros((10, 3)), np.array([[wide / 2, 0.0, 0.0]])
+    landmarks = {"left_wrist_thumb": middle + across, "left_wrist_small": middle - across}
+    if fine:
+        assert check_order("a", landmarks) == []
+        return
+    with pytest.raises(RecordingError, match="the left wrist is 15 cm wide between its markers"):
+        check_order("a", landmarks)
 
 
 @pytest.mark.parametrize("factor", [1.34, 1.4])

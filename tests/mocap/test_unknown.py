@@ -1,0 +1,244 @@
+"""Ends of angles that a recording does not show: near in time, later anywhere, and what follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from benchmarks.made_motions import RATE, Places, fitted, leaning, posture
+from benchmarks.recording_intervals import people_who_walk, walking, whole, with_t_pose
+from ergoqp import reba
+from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
+from ergoqp.mocap import Recording
+from ergoqp.mocap.fitting.unknown import (
+    NEAR,
+    Doubt,
+    away_from,
+    pieces_of,
+    spans_of,
+    with_spans,
+)
+
+COUNT = 600
+TIME = np.arange(COUNT) / RATE
+TRUNK, NECK, ELBOW = (INDEX[f"{name}_flexion"] for name in ("trunk", "neck", "right_elbow"))
+
+
+def ends_of(
+    postures: np.ndarray, observed: np.ndarray, time: np.ndarray = TIME, doubt: Doubt | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    spans = spans_of(postures, observed, time, doubt)
+    return with_spans(postures, spans, upper=False), with_spans(postures, spans, upper=True)
+
+
+def swinging(size: float = 20.0, hertz: float = 0.5) -> np.ndarray:
+    return posture(COUNT, right_elbow_flexion=60 + size * np.sin(2 * np.pi * hertz * TIME))
+
+
+def test_what_is_seen_is_known() -> None:
+    postures = swinging()
+    low, high = ends_of(postures, np.ones_like(postures, dtype=bool))
+    np.testing.assert_array_equal(low, postures)
+    np.testing.assert_array_equal(high, postures)
+
+
+def test_what_is_never_seen_is_anywhere() -> None:
+    postures = swinging()
+    observed = np.ones_like(postures, dtype=bool)
+    observed[:, ELBOW] = False
+    low, high = ends_of(postures, observed)
+    assert np.abs(low[:, ELBOW] - LOWER[ELBOW]).max() < 1e-6
+    assert np.abs(high[:, ELBOW] - UPPER[ELBOW]).max() < 1e-6
+
+
+def test_near_in_time_it_is_near_and_later_anywhere() -> None:
+    truth = swinging()
+    observed = np.ones_like(truth, dtype=bool)
+    lost = slice(200, 400)
+    observed[lost, ELBOW] = False
+    postures = truth.copy()
+    postures[lost, ELBOW] = np.interp(TIME[lost], TIME[[199, 400]], truth[[199, 400], ELBOW])
+    low, high = ends_of(postures, observed)
+    wide = np.degrees(high - low)[:, ELBOW]
+    assert (wide[:200] == 0).all()
+    assert 0 < wide[200] < 5
+    assert (np.diff(wide[200:250]) >= -1e-3).all()
+    # More than a second from both sides: frames 260 to 339.
+    assert wide[265:335].min() > 149
+    assert ((truth >= low - 1e-6) & (truth <= high + 1e-6))[:, ELBOW].all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(2.0, 40.0), st.floats(0.2, 2.0), st.integers(60, 400), st.floats(0.1, 0.9))
+def test_gaps_of_less_than_a_second_hold(
+    size: float, hertz: float, first: int, seconds: float
+) -> None:
+    # Of a swing that turns twice in a gap nothing is left to be measured.
+    assume(hertz * seconds < 0.45)
+    truth = swinging(size, hertz)
+    observed = np.ones_like(truth, dtype=bool)
+    rows = slice(first, first + max(1, int(seconds * RATE)))
+    observed[rows, ELBOW] = False
+    postures = truth.copy()
+    known = np.flatnonzero(observed[:, ELBOW])
+    postures[rows, ELBOW] = np.interp(TIME[rows], TIME[known], truth[known, ELBOW])
+    low, high = ends_of(postures, observed)
+    slack = np.radians(0.15 * size)
+    assert ((truth >= low - slack) & (truth <= high + slack))[:, ELBOW].all()
+    assert (low <= postures).all()
+    assert (postures <= high).all()
+
+
+def test_a_short_recording_says_nothing_of_movements() -> None:
+    postures = swinging()[:12]
+    observed = np.ones_like(postures, dtype=bool)
+    observed[5:8, ELBOW] = False
+    low, high = ends_of(postures, observed, TIME[:12])
+    assert np.degrees(high - low)[5:8, ELBOW].min() > 30
+
+
+def test_nothing_is_near_across_a_cut() -> None:
+    places = {"pelvis": np.zeros((100, 3)), "neck": np.tile([0.0, 0.0, 0.5], (100, 1))}
+    for path in places.values():
+        path[50:] += 3.0
+        path[48:50] = np.nan
+    time = TIME[:100]
+    pieces = pieces_of(places, time)
+    assert pieces[50] - pieces[47] > 2 * NEAR
+    # The frames between are on neither side.
+    assert (np.diff(pieces)[[47, 49]] > NEAR).all()
+    np.testing.assert_allclose(np.diff(pieces)[:47], 1 / RATE)
+    assert away_from(np.zeros(100, dtype=bool), time).min() == np.inf
+
+
+def test_a_wrist_bends_either_way_while_the_forearm_may_be_turned() -> None:
+    postures = posture(COUNT, right_wrist_flexion=30.0, left_wrist_flexion=30.0)
+    observed = np.ones_like(postures, dtype=bool)
+    observed[:, INDEX["right_forearm_pronation"]] = False
+    low, high = (np.degrees(each) for each in ends_of(postures, observed))
+    flexion, deviation = INDEX["right_wrist_flexion"], INDEX["right_wrist_deviation"]
+    assert low[0, flexion] < 10
+    assert high[0, flexion] == pytest.approx(30, abs=0.1)
+    assert low[0, deviation] == pytest.approx(-25, abs=2)
+    assert high[0, deviation] == pytest.approx(30, abs=2)
+    left = INDEX["left_wrist_flexion"]
+    assert low[0, left] == high[0, left] == pytest.approx(30)
+
+
+def test_a_doubtful_arm_points_within_its_cone() -> None:
+    postures = posture(
+        COUNT, right_shoulder_flexion=60.0, right_shoulder_abduction=50.0, right_elbow_flexion=60.0
+    )
+    off = np.full(COUNT, np.radians(5.0))
+    observed = np.ones_like(postures, dtype=bool)
+    low, high = (
+        np.degrees(each)
+        for each in ends_of(postures, observed, doubt=Doubt(arms={"right_upper_arm": off}))
+    )
+    for joint, wide in (("shoulder_flexion", 7.8), ("shoulder_abduction", 5), ("elbow_flexion", 5)):
+        place = INDEX[f"right_{joint}"]
+        assert (high - low)[0, place] == pytest.approx(2 * wide, abs=0.1)
+        assert (high - low)[0, INDEX[f"left_{joint}"]] == 0
+    postures[:, INDEX["right_shoulder_abduction"]] = np.radians(90)
+    low, high = ends_of(postures, observed, doubt=Doubt(arms={"right_upper_arm": off}))
+    flexion = INDEX["right_shoulder_flexion"]
+    assert low[0, flexion] == pytest.approx(LOWER[flexion], abs=1e-6)
+    assert high[0, flexion] == pytest.approx(UPPER[flexion], abs=1e-6)
+
+
+def scores(recording: Recording) -> reba.Assessment:
+    return reba.assess(recording.postures, low=recording.low, high=recording.high)
+
+
+@pytest.mark.parametrize(
+    "walk_", list(people_who_walk()), ids=lambda each: str(each[0]).replace(" ", "_")
+)
+def test_whether_skeleton_or_person_leans_the_truth_is_inside(
+    walk_: tuple[str, Places, np.ndarray],
+) -> None:
+    _, places, postures = walk_
+    recording = fitted(places)
+    found, truth = scores(recording), reba.assess(postures).final
+    inside = (found.final_low <= truth) & (truth <= found.final_high)
+    assert inside[recording.scored].all()
+
+
+def test_an_unconfirmed_lean_has_both_ends_and_a_stated_one_has_none() -> None:
+    places, postures = walking(25.0)
+    recording = fitted(places)
+    assert "Nothing confirms that" in " ".join(recording.assumptions)
+    for joint in (TRUNK, INDEX["right_shoulder_flexion"]):
+        wide = np.degrees(recording.high - recording.low)[:, joint]
+        assert np.median(wide) == pytest.approx(25, abs=2)
+        assert (recording.high[:, joint] >= postures[:, joint] - 0.02).all()
+    assert recording.high[:, TRUNK].mean() == pytest.approx(np.radians(25), abs=0.03)
+    stated = fitted(places, neutral="vertical")
+    assert not {TRUNK, NECK} & set(stated.spans)
+
+
+def test_a_walk_in_line_needs_no_confirmation() -> None:
+    assert not {TRUNK, NECK} & set(fitted(walking()[0]).spans)
+
+
+def test_a_second_of_standing_upright_shows_that_the_person_stoops() -> None:
+    places, postures = walking(25.0)
+    stood = posture(int(2 * RATE), arms_elbow_flexion=20.0)
+    still = whole(np.tile([0.0, 0.0, 0.88, 0.0], (len(stood), 1)), stood)
+    both = {name: np.concatenate([still[name], path]) for name, path in places.items()}
+    recording = fitted(both)
+    assert TRUNK not in recording.spans
+    found = np.degrees(recording.postures[len(stood) :, TRUNK])
+    np.testing.assert_allclose(found, np.degrees(postures[:, TRUNK]), atol=1)
+    assert "the person is taken to be straight" in " ".join(recording.assumptions)
+
+
+def test_two_that_agree_confirm_that_the_skeleton_leans() -> None:
+    upright, postures = walking()
+    places, _ = with_t_pose(upright, postures, 0.0)
+    recording = fitted(leaning(places, 12.0))
+    assert TRUNK not in recording.spans
+    assert np.degrees(np.abs(recording.postures[int(RATE) :, TRUNK])).max() < 1
+
+
+def test_the_neck_has_no_zero_without_an_upright_moment() -> None:
+    postures = posture(COUNT, trunk_flexion=30.0, neck_flexion=25.0, legs_knee_flexion=40.0)
+    places = whole(np.tile([0.0, 0.0, 0.8, 0.0], (COUNT, 1)), postures)
+    recording = fitted(places)
+    assert np.degrees(recording.low[:, NECK]).max() < 1
+    assert np.degrees(recording.high[:, NECK]).min() > 24
+    assert "its zero may be there, too" in " ".join(recording.assumptions)
+    assert TRUNK not in recording.spans
+
+
+@pytest.mark.parametrize("elbow", [10.0, 60.0, 120.0])
+def test_an_arm_that_hangs_is_never_read_as_raised_over_the_side(elbow: float) -> None:
+    # A forearm that is turned inward behind the body needs a rotation beyond its range.
+    for rotation in (-150.0, -120.0, 120.0, 150.0):
+        postures = posture(
+            30,
+            arms_shoulder_flexion=-6.0,
+            arms_shoulder_abduction=10.0,
+            arms_shoulder_rotation=rotation,
+            arms_elbow_flexion=elbow,
+        )
+        places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (30, 1)), postures)
+        recording = fitted(places, neutral="vertical")
+        for side in SIDES:
+            found = np.degrees(recording.postures[:, INDEX[f"{side}_shoulder_flexion"]])
+            assert np.abs(found + 6).max() < 1
+
+
+def test_without_legs_a_squat_is_not_ideal() -> None:
+    postures = posture(60, legs_knee_flexion=90.0, legs_hip_flexion=90.0, trunk_flexion=10.0)
+    places = whole(np.tile([0.0, 0.0, 0.5, 0.0], (60, 1)), postures)
+    seen = {name: p for name, p in places.items() if not name.endswith(("knee", "ankle", "toe"))}
+    recording = fitted(seen, neutral="vertical")
+    found = scores(recording)
+    assert (found.segments_low["legs"] == 1).all()
+    assert (found.segments_high["legs"] == 3).all()
+    assert (found.final_high >= reba.assess(postures).final).all()
+    # Ankles and toes without a knee say nothing of it, and reject nothing.
+    kneeless = {name: path for name, path in places.items() if not name.endswith("knee")}
+    assert not fitted(kneeless, neutral="vertical").doubts
