@@ -222,15 +222,14 @@ def only(*ends: str) -> Change:
 def known(recording: Recording) -> np.ndarray:
     """Return the frames in which all that is ever seen is known to `OFF` (n,) bool."""
     ends = _judged(np.stack([recording.low.T, recording.high.T]))
-    ever = recording.observed.any(axis=0)
-    told = [name for name in ends if ever[_JOINTS[name]]]
+    told = [name for name in ends if recording.observed[:, _JOINTS[name]].any()]
     wide = [ends[name][1] - ends[name][0] > 2 * OFF for name in told]
     return recording.scored & ~np.logical_or.reduce([np.zeros_like(recording.scored), *wide])
 
 
 def seen(recording: Recording) -> np.ndarray:
     """Return the frames in which all that is ever seen is seen (n,) bool."""
-    return recording.observed[:, recording.observed.any(axis=0)].all(axis=1)
+    return recording.seen
 
 
 def outside(recording: Recording, truth: np.ndarray) -> np.ndarray:

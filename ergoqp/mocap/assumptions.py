@@ -34,7 +34,7 @@ from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.joints import ReadOptions, joints_of
 from ergoqp.mocap.name_words import is_body_part
-from ergoqp.mocap.recording import JointMotion
+from ergoqp.mocap.recording import JointMotion, all_seen
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
 """Segments from which the stature is estimated: legs and trunk.
@@ -478,14 +478,13 @@ def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) ->
             f"In {int(some_wrong.sum())} of {len(scored)} frames a part of the body cannot be right"
             f" and is taken as not seen: {counted}."
         )
-    ever = result.observed.any(axis=0)
-    if count := int((~result.observed[:, ever].all(axis=1) & scored).sum()):
+    if count := int((~all_seen(result.observed) & scored).sum()):
         yield (
             f"In {count} frames a joint is not seen that is seen at other times: up to {NEAR:g} s"
             " from these its angle is within what it moves in that time, later anywhere in its"
             " range."
         )
-    yield from _unobserved(ever)
+    yield from _unobserved(np.any(result.observed, axis=0))
 
 
 def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> Iterator[str]:

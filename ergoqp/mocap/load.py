@@ -51,7 +51,7 @@ from ergoqp.mocap.joints import ReadOptions as ReadOptions
 from ergoqp.mocap.joints import joints_of, with_objects
 from ergoqp.mocap.naming import above_hips, check_placed, read_mapping
 from ergoqp.mocap.readers import lacking, normalised, read_motion
-from ergoqp.mocap.recording import JointMotion, Recording
+from ergoqp.mocap.recording import JointMotion, Recording, all_seen
 from ergoqp.mocap.unseen import AHEAD
 
 CALIBRATION = "calibration pose"
@@ -274,8 +274,8 @@ def _calibrated(
         return {}
     from ergoqp.mocap.markers.fit import markers_on
 
-    seen = result.observed[:, result.observed.any(axis=0)].all(axis=1)
-    shown = (seen & scored_frames(len(seen), result.not_scored))[frames]
+    shown = all_seen(result.observed) & scored_frames(len(result.pelvis), result.not_scored)
+    shown = shown[frames]
     if shown.sum() < _FEW:
         shown[:] = True
     rows = frames[shown]

@@ -146,6 +146,15 @@ class JointMotion:
                 )
 
 
+def all_seen(observed: np.ndarray) -> np.ndarray:
+    """Return the frames in which every joint is seen that is ever seen (n,) bool.
+
+    Args:
+        observed: which joint angles are determined (n, 32) bool.
+    """
+    return np.all(observed[:, np.any(observed, axis=0)], axis=1)
+
+
 def with_times(
     where: str,
     motion: JointMotion,
@@ -247,6 +256,11 @@ class Recording:
     markers: Mapping[str, Marker] = field(default_factory=dict)
     measured: tuple[str, ...] = ()
     read: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Frames in which every joint is seen that is ever seen, shape (n,) bool."""
+        return all_seen(self.observed)
 
     @property
     def scored(self) -> np.ndarray:

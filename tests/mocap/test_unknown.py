@@ -49,8 +49,10 @@ def test_what_is_never_seen_is_anywhere() -> None:
     observed = np.ones_like(postures, dtype=bool)
     observed[:, ELBOW] = False
     low, high = ends_of(postures, observed)
-    assert np.abs(low[:, ELBOW] - LOWER[ELBOW]).max() < 1e-6
-    assert np.abs(high[:, ELBOW] - UPPER[ELBOW]).max() < 1e-6
+    assert (low[:, ELBOW] == LOWER[ELBOW]).all()
+    assert (high[:, ELBOW] == UPPER[ELBOW]).all()
+    said = reba.assess(postures[:1], low=low[:1], high=high[:1]).reasons(0)
+    assert "right lower arm 1 to 2: right elbow flexion not known" in said
 
 
 def test_near_in_time_it_is_near_and_later_anywhere() -> None:

@@ -604,8 +604,8 @@ def _fitted(
     held = [INDEX[f"{side}_shoulder_{joint}"] for side in SIDES for joint in _SHOULDER]
     lost = ~spine.told["trunk_flexion"]
     if lost.any():
-        observed[np.ix_(lost, held)] = False
         for joint in held:
+            observed[lost, joint] = False
             postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)
     fitted = centres_of(body, spine.pelvis, postures)
     errors = {

@@ -273,10 +273,12 @@ def with_spans(postures: np.ndarray, spans: Spans, upper: bool) -> np.ndarray:
         spans: ends of those that are not known.
         upper: whether the upper ends are returned.
     """
-    ends = postures.copy()
+    ends, limits, beyond = postures.copy(), UPPER if upper else LOWER, np.fmax if upper else np.fmin
     for joint, (frames, *both) in spans.items():
-        # The ends are rounded to single precision, and the posture is between them.
-        beyond = np.maximum if upper else np.minimum
-        ends[frames, joint] = beyond(both[upper], postures[frames, joint])
+        # The ends are rounded to single precision: the end of a range is the range's own, and the
+        # posture is between them.
+        given = both[upper].astype(float)
+        given[both[upper] == np.float32(limits[joint])] = limits[joint]
+        ends[frames, joint] = beyond(given, postures[frames, joint])
     ends.setflags(write=False)
     return ends
