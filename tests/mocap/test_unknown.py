@@ -232,6 +232,19 @@ def test_an_arm_that_hangs_is_never_read_as_raised_over_the_side(elbow: float) -
             assert np.abs(found + 6).max() < 1
 
 
+def test_a_forearm_that_is_always_turned_beyond_its_range_is_not_seen() -> None:
+    postures = swinging()
+    places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1)), postures)
+    pronation = INDEX["right_forearm_pronation"]
+    assert pronation not in fitted(places, neutral="vertical").spans
+    # Thumb and small finger are exchanged.
+    places["right_thumb"] = 2 * places["right_wrist"] - places["right_thumb"]
+    recording = fitted(places, neutral="vertical")
+    assert not recording.observed[:, pronation].any()
+    assert (recording.high - recording.low)[:, pronation].min() > np.radians(169)
+    assert recording.observed[:, INDEX["left_forearm_pronation"]].all()
+
+
 def test_without_legs_a_squat_is_not_ideal() -> None:
     postures = posture(60, legs_knee_flexion=90.0, legs_hip_flexion=90.0, trunk_flexion=10.0)
     places = whole(np.tile([0.0, 0.0, 0.5, 0.0], (60, 1)), postures)

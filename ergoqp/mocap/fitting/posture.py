@@ -162,6 +162,8 @@ def _least(here: np.ndarray, way: np.ndarray) -> np.ndarray:
 Angles = dict[str, np.ndarray]
 """Joint, without its side -> angles (n,) [rad], or whether they are determined (n,) bool."""
 
+_NEARLY_ALL: Final = 0.9
+"""Share of the frames in which a forearm beyond its range shows that its markers are others."""
 _TOE: Final = 0.01
 """Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
 THUMB: Final = np.arctan2(0.02, 0.05)
@@ -296,7 +298,13 @@ def _wrist_angles(
     ahead = np.cos(THUMB) * beside + out * np.sin(THUMB) * across
     # The hand's left axis is the axis of deviation, so deviation does not change it.
     left = np.cross(up, ahead)
-    pronation = _inside(side, "forearm_pronation", out * np.arctan2(left[:, 0], left[:, 1]), time)
+    turn = out * np.arctan2(left[:, 0], left[:, 1])
+    lower, upper = _range(side, "forearm_pronation").ravel()
+    beyond = (turn < lower) | (turn > upper)
+    if beyond.sum() >= _NEARLY_ALL * np.isfinite(turn).sum():
+        # Nobody turns a forearm like that all the time: these are not the sides of a hand.
+        turn = np.full_like(turn, np.nan)
+    pronation = _inside(side, "forearm_pronation", turn, time)
     turned = Rotation.from_euler("Z", -out * pronation[:, None]).inv().apply(hand)
     flexion = -out * np.arctan2(turned[:, 1], -turned[:, 2])
     deviation = -np.arcsin(np.clip(turned[:, 0], -1, 1))
@@ -306,7 +314,7 @@ def _wrist_angles(
         "wrist_deviation": _inside(side, "wrist_deviation", deviation, time),
     }
     told: Angles = dict.fromkeys(("wrist_flexion", "wrist_deviation"), np.isfinite(turned[:, 0]))
-    return angles, told | {"forearm_pronation": np.isfinite(left[:, 0])}
+    return angles, told | {"forearm_pronation": np.isfinite(turn)}
 
 
 def _turn(bone: np.ndarray, held: np.ndarray, out: float) -> np.ndarray:
