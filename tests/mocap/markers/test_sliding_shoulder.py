@@ -77,14 +77,14 @@ def test_a_raised_arm_is_read(name: str, slide: Slide, hang: bool) -> None:
     assert every["half"][high].min() > 1
 
 
-def test_frames_of_raised_arms_are_scored() -> None:
+def test_frames_of_raised_arms_are_seen() -> None:
     made = take_of(raised("raised sideways", 90.0, hang=True, still=720), MUCH)
     recording = fit_postures(made.names, made.places, RATE, neutral="vertical")
     high = made.elevation.min(axis=1) > 90
-    assert recording.scored[high].mean() > 0.98
+    assert recording.seen[high].mean() > 0.98
     with patch("ergoqp.mocap.markers.joints._sliding", lambda *_: {}):
         before = fit_postures(made.names, made.places, RATE, neutral="vertical")
-    assert before.scored[high].mean() < 0.6
+    assert before.seen[high].mean() < 0.6
     said = [each for each in recording.assumptions if "acromion's marker slides" in each]
     assert len(said) == 1
     assert "right " in said[0]
