@@ -285,7 +285,9 @@ def frame_of_recording(problem: Problem, recording: Recording, at: float | None)
         causes = ", ".join(recording.not_scored)
         raise InputError(f"--from: no frame of the recording shows a posture ({causes})")
     if at is None:
-        return problem.assess(recording.scored_postures).worst(recording.time)
+        # A limb that is not seen for a while is no posture to begin in.
+        shown = np.where(recording.whole[:, None], recording.postures, np.nan)
+        return problem.assess(shown).worst(recording.time)
     first, last = float(recording.time[0]), float(recording.time[-1])
     # A time as printed with two digits must be allowed.
     if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):

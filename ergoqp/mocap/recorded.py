@@ -109,8 +109,8 @@ def held_poses(
     """Return postures (n, 32) and where the object is in each (n, 4, 4), for a response to learn.
 
     The poses are in the world of the response's `contact`, and of the contact frame: the object's
-    own frame is turned and shifted to it. Frames that show no posture, or no object in the hand,
-    are left out.
+    own frame is turned and shifted to it. Frames that show no whole posture, or no object in the
+    hand, are left out.
 
     Args:
         recording: recording of a person at work.
@@ -120,7 +120,7 @@ def held_poses(
     Raises:
         InputError: if the recording has no held object, or no frame shows it in the hand.
     """
-    known, held = recording.scored, recording.object_poses
+    known, held = recording.whole, recording.object_poses
     if not by_hand:
         if held is None:
             raise InputError(

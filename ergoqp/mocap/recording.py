@@ -263,6 +263,15 @@ class Recording:
         return all_seen(self.observed)
 
     @property
+    def whole(self) -> np.ndarray:
+        """Frames that show a whole posture, shape (n,) bool: scored ones in which all is `seen`.
+
+        If there is none, they are all scored ones.
+        """
+        whole = self.scored & self.seen
+        return whole if whole.any() else self.scored
+
+    @property
     def scored(self) -> np.ndarray:
         """Frames that show a posture, shape (n,) bool."""
         return scored_frames(len(self.time), self.not_scored)

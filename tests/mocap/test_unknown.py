@@ -245,6 +245,17 @@ def test_a_forearm_that_is_always_turned_beyond_its_range_is_not_seen() -> None:
     assert recording.observed[:, INDEX["left_forearm_pronation"]].all()
 
 
+def test_frames_with_a_lost_limb_are_scored_and_not_whole() -> None:
+    places, _ = walking()
+    places["right_elbow"][50:120] = np.nan
+    recording = fitted(places)
+    assert recording.scored.all()
+    np.testing.assert_array_equal(np.flatnonzero(~recording.whole), np.arange(50, 120))
+    places["left_elbow"][:50] = np.nan
+    places["left_elbow"][120:] = np.nan
+    assert fitted(places).whole.all()
+
+
 def test_without_legs_a_squat_is_not_ideal() -> None:
     postures = posture(60, legs_knee_flexion=90.0, legs_hip_flexion=90.0, trunk_flexion=10.0)
     places = whole(np.tile([0.0, 0.0, 0.5, 0.0], (60, 1)), postures)
