@@ -12,7 +12,8 @@ what is taken away is unknown. Classes:
 
 ``interval_holds.CLASS``: share of the frames with the truth inside, each take with the same weight;
 ``.least``: of the take in which it is least; ``interval_width.CLASS``: mean width [points],
-``.p95``; ``.full_range``: had every joint that is lost been anywhere in its range;
+``.p95``; ``.full_range``, of both: had every joint that is lost been anywhere in its range, and
+those that are seen known exactly;
 ``interval_exact.CLASS``: share of the frames whose best estimate is the truth.
 ``interval_width.zero_not_stated``: of whole takes whose zero is found by the rules instead.
 
@@ -69,6 +70,7 @@ NOBODY: Final = (
     "motive_v123_empty_no_bodies.csv",
     "c3dorg_pc_real.c3d",
     "6_decimal_commas_and_commas.csv",
+    "bmc_walk.trc",
     "2b_sides_exchanged_as_told.csv",
 )
 """Files that show nobody, name nobody, or have to be refused."""
@@ -206,18 +208,24 @@ LONG: Final = {"arm_lost_1s": 3.0}
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Scores of some frames (n,): true, lowest, best, highest, and the width of full ranges."""
+    """Scores of some frames (n,): true, lowest, best, highest, and both ends of full ranges."""
 
     truth: np.ndarray
     low: np.ndarray
     best: np.ndarray
     high: np.ndarray
-    full: np.ndarray
+    full_low: np.ndarray
+    full_high: np.ndarray
 
     @property
     def holds(self) -> np.ndarray:
         """Whether the truth is inside (n,)."""
         return (self.low <= self.truth) & (self.truth <= self.high)
+
+    @property
+    def full_holds(self) -> np.ndarray:
+        """Whether it is inside with full ranges (n,)."""
+        return (self.full_low <= self.truth) & (self.truth <= self.full_high)
 
 
 def _mean(each: list[np.ndarray]) -> float:
@@ -245,7 +253,10 @@ def intervals(report: Report) -> None:
             report.figure(f"interval_width.{name}", _mean(widths))
             p95 = float(np.percentile(np.concatenate(widths), 95))
             report.figure(f"interval_width.{name}.p95", p95)
-            report.figure(f"interval_width.{name}.full_range", _mean([e.full for e in scores]))
+            full = _mean([each.full_high - each.full_low for each in scores])
+            report.figure(f"interval_width.{name}.full_range", full)
+            full = _mean([each.full_holds for each in scores])
+            report.figure(f"interval_holds.{name}.full_range", full)
             report.figure(f"interval_exact.{name}", _mean([e.best == e.truth for e in scores]))
         if classes is CLASSES:
             wide = [_ends(take.read(neutral=None)) for take in found]
@@ -280,7 +291,8 @@ def _judged(take: Take, truth: Recording, places: Places) -> Judged:
         assessed.final_low[here],
         assessed.final[here],
         assessed.final_high[here],
-        (full.final_high - full.final_low)[here],
+        full.final_low[here],
+        full.final_high[here],
     )
 
 
