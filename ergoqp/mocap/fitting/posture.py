@@ -412,9 +412,10 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     yaw = _unwrapped(_heading(place, time), time)
     pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
     upright = Rotation.from_euler("Z", yaw[:, None])
-    trunk, trunk_told, axes = _segment(
-        "trunk", upright, neck - hips, place["left_shoulder"] - place["right_shoulder"], time
-    )
+    # Without hips the heading is that of the shoulders, and says nothing of their twist.
+    hipped = np.isfinite(place["left_hip"] - place["right_hip"])
+    across = np.where(hipped, place["left_shoulder"] - place["right_shoulder"], np.nan)
+    trunk, trunk_told, axes = _segment("trunk", upright, neck - hips, across, time)
     # The nose defines left: perpendicular to where it points.
     head = either(place["head_top"], place["head"])
     ahead = place["nose"] - either(place["head"], neck)

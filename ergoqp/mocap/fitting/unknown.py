@@ -27,6 +27,12 @@ _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
 _TURNS: Final = 18
 """Number of pronations that are tried."""
+_EXTREME: Final = 0.98
+"""Share of the angles that are seen beyond which one is at the end of them."""
+_WIDE: Final = np.radians(5.0)
+"""Least distance of that end from the median [rad]."""
+_HOLE: Final = 0.05
+"""Time from a frame that is seen up to which an interpolated angle is as good [s]."""
 _FREE: Final = 0.25
 """Time in which an angle may move through its whole range if its movements are not measured [s]."""
 _SAMPLE: Final = 4000
@@ -187,9 +193,17 @@ def _unseen(
     leaps = inside & (change > np.interp(since + until, _TIMES, alone))
     reach = np.where(leaps, np.maximum(reach, change), reach)
     reach[near > NEAR] = np.inf
+    # A part may be hidden just because of its posture: what is lost at the end of all that is seen
+    # of an angle may be anywhere beyond.
+    ends = np.stack([angles[before], angles[after]])
+    most = [np.quantile(angles[known], q) for q in (1 - _EXTREME, 0.5, _EXTREME)]
+    below = (ends <= most[0]).any(axis=0) & (most[1] - most[0] > _WIDE)
+    above = (ends >= most[2]).any(axis=0) & (most[2] - most[1] > _WIDE)
+    between = np.clip(between, lower, upper)
     # What the frames around suggest is within the ends, too.
-    low[lost] = np.minimum(np.maximum(between - reach, lower), angles[lost])
-    high[lost] = np.maximum(np.minimum(between + reach, upper), angles[lost])
+    least = np.where(below, lower, np.maximum(between - reach, lower))
+    greatest = np.where(above, upper, np.minimum(between + reach, upper))
+    low[lost], high[lost] = np.minimum(least, angles[lost]), np.maximum(greatest, angles[lost])
     return low, high
 
 
@@ -201,6 +215,8 @@ def _moves(
     First from where it was, then from the middle between where it was and where it will be.
     """
     step = float(np.median(np.diff(time))) if len(time) > 1 else NEAR
+    # Where single frames are lost, hardly any two at some distance are seen.
+    seen = away_from(seen, time) < _HOLE
     alone, across = [0.0], [0.0]
     for lag in _TIMES[1:]:
         frames = max(1, round(lag / step))

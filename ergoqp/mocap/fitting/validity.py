@@ -331,6 +331,9 @@ _RIGID: Final = 0.001
 """Variation of a rigid skeleton's bones is below this share of their length."""
 _LEAST: Final = 0.015
 """Share by which such a bone may be longer or shorter; with a sideways error it is 10 degrees."""
+_BENDS_FROM: Final = 0.15
+"""Least leeway of the bones that stand for several joints, of spine and shoulders: they are never
+rigid, even if they keep their length while a person stands still."""
 _STEADY: Final = 0.1
 """Share of its length by which a bone may vary that shows where its ends are."""
 _USUALLY: Final = 6.0
@@ -460,7 +463,8 @@ def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
             if np.isfinite(length).any():
                 middle = float(np.nanmedian(length))
                 varies = 1.4826 * float(np.nanmedian(np.abs(length - middle))) / max(middle, 1e-9)
-                share = _LEAST if varies < _RIGID else min(max(_USUALLY * varies, least), _MOST)
+                rigid = varies < _RIGID and least < _BENDS_FROM
+                share = _LEAST if rigid else min(max(_USUALLY * varies, least), _MOST)
                 found[name] = Usual(middle, share * middle)
     return found
 
