@@ -421,7 +421,16 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     ahead = place["nose"] - either(place["head"], neck)
     left = np.cross(head - neck, ahead)
     bent, bent_told, _ = _segment("neck", axes, head - neck, left, time)
+    # A head or a neck that stands for a lost one is elsewhere.
+    usual = _if_ever(place["neck"]) & _if_ever(place["head_top"])
+    bent_told = {joint: told & usual for joint, told in bent_told.items()}
     return Spine(pelvis, trunk | bent, trunk_told | bent_told, upright, axes)
+
+
+def _if_ever(path: np.ndarray) -> np.ndarray:
+    """Return the frames in which a centre (n, 3) is seen, or all if it never is (n,) bool."""
+    seen = np.isfinite(path[:, 0])
+    return seen | ~seen.any()
 
 
 def _segment(

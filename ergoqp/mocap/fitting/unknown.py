@@ -29,8 +29,8 @@ _TURNS: Final = 18
 """Number of pronations that are tried."""
 _EXTREME: Final = 0.98
 """Share of the angles that are seen beyond which one is at the end of them."""
-_WIDE: Final = np.radians(5.0)
-"""Least distance of that end from the median [rad]."""
+_WIDE: Final = np.radians(1.0)
+"""Least distance of such an angle from the median [rad]."""
 _HOLE: Final = 0.05
 """Time from a frame that is seen up to which an interpolated angle is as good [s]."""
 _FREE: Final = 0.25
@@ -195,15 +195,16 @@ def _unseen(
     reach[near > NEAR] = np.inf
     # A part may be hidden just because of its posture: what is lost at the end of all that is seen
     # of an angle may be anywhere beyond.
-    ends = np.stack([angles[before], angles[after]])
-    most = [np.quantile(angles[known], q) for q in (1 - _EXTREME, 0.5, _EXTREME)]
-    below = (ends <= most[0]).any(axis=0) & (most[1] - most[0] > _WIDE)
-    above = (ends >= most[2]).any(axis=0) & (most[2] - most[1] > _WIDE)
-    between = np.clip(between, lower, upper)
+    around = np.stack([angles[before], angles[after]])
+    least, middle, most = np.quantile(angles[known], (1 - _EXTREME, 0.5, _EXTREME))
+    below = ((around <= least) & (around < middle - _WIDE)).any(axis=0)
+    above = ((around >= most) & (around > middle + _WIDE)).any(axis=0)
     # What the frames around suggest is within the ends, too.
-    least = np.where(below, lower, np.maximum(between - reach, lower))
-    greatest = np.where(above, upper, np.minimum(between + reach, upper))
-    low[lost], high[lost] = np.minimum(least, angles[lost]), np.maximum(greatest, angles[lost])
+    ends = (
+        np.where(below, lower, np.maximum(between - reach, lower)),
+        np.where(above, upper, np.minimum(between + reach, upper)),
+    )
+    low[lost], high[lost] = np.minimum(ends[0], angles[lost]), np.maximum(ends[1], angles[lost])
     return low, high
 
 
