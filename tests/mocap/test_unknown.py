@@ -245,6 +245,71 @@ def test_a_forearm_that_is_always_turned_beyond_its_range_is_not_seen() -> None:
     assert recording.observed[:, INDEX["left_forearm_pronation"]].all()
 
 
+def test_a_straight_arm_does_not_show_how_it_is_rotated() -> None:
+    for elbow, seen in ((4.0, False), (16.0, True)):
+        postures = posture(COUNT, arms_shoulder_rotation=50.0, arms_elbow_flexion=elbow)
+        places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1)), postures)
+        recording = fitted(places, neutral="vertical")
+        rotation = INDEX["right_shoulder_rotation"]
+        assert recording.observed[:, rotation].all() == seen
+        truth, found = reba.assess(postures), scores(recording)
+        for side in SIDES:
+            name = f"{side}_upper_arm"
+            assert (found.segments_low[name] <= truth.segments[name]).all()
+            assert (truth.segments[name] <= found.segments_high[name]).all()
+
+
+def test_what_is_hidden_by_its_own_posture_is_not_near() -> None:
+    # A quiet stand with quick squats, in which the legs are lost while they are bent.
+    share = np.maximum(0.0, np.sin(np.pi * ((TIME % 3.0) - 1.0))) * ((TIME % 3.0) > 1.0)
+    share *= (TIME % 3.0) < 2.0
+    postures = posture(COUNT, legs_knee_flexion=5 + 90 * share, legs_hip_flexion=5 + 70 * share)
+    places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1)), postures)
+    hidden = postures[:, INDEX["right_knee_flexion"]] > np.radians(25)
+    for name in places:
+        if name.endswith(("knee", "ankle", "toe")):
+            places[name][hidden] = np.nan
+    recording = fitted(places, neutral="vertical")
+    truth, found = reba.assess(postures).final, scores(recording)
+    assert (truth <= found.final_high).all()
+    assert (found.final_low <= truth).all()
+    assert (found.final_low == found.final_high)[~hidden].all()
+
+
+def test_without_hips_the_twist_is_not_seen() -> None:
+    postures = posture(COUNT, trunk_twist=30.0)
+    places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1)), postures)
+    without = {name: path for name, path in places.items() if not name.endswith("hip")}
+    recording = fitted(without, neutral="vertical", up="z")
+    assert not recording.observed[:, INDEX["trunk_twist"]].any()
+    assert (scores(recording).segments_high["trunk"] >= 2).all()
+    assert fitted(places, neutral="vertical").observed[:, INDEX["trunk_twist"]].all()
+
+
+def test_a_neck_that_is_lost_is_not_the_middle_of_the_shoulders() -> None:
+    places, _ = walking()
+    places["neck"][100:200] = np.nan
+    recording = fitted(places)
+    assert not recording.observed[100:200, NECK].any()
+    assert recording.observed[:100, NECK].all()
+
+
+def test_spine_and_shoulders_are_never_rigid() -> None:
+    # A stand for most of the take, then a stoop in which hips and neck come nearer.
+    still = posture(COUNT)
+    bent = posture(200, trunk_flexion=60.0)
+    places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (COUNT + 200, 1)), np.concatenate([still, bent]))
+    for name, path in places.items():
+        if not name.endswith(("hip", "knee", "ankle", "toe", "pelvis")):
+            path[COUNT:] -= 0.08 * (places["neck"] - places["pelvis"])[COUNT:]
+    for side in SIDES:
+        for name in ("shoulder", "elbow", "wrist", "knuckles", "thumb"):
+            places[f"{side}_{name}"][COUNT:, 2] += 0.04
+    recording = fitted(places, neutral="vertical")
+    assert recording.scored.all()
+    assert not recording.doubts
+
+
 def test_frames_with_a_lost_limb_are_scored_and_not_whole() -> None:
     places, _ = walking()
     places["right_elbow"][50:120] = np.nan

@@ -166,6 +166,8 @@ _NEARLY_ALL: Final = 0.9
 """Share of the frames in which a forearm beyond its range shows that its markers are others."""
 _TOE: Final = 0.01
 """Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
+_STRAIGHT: Final = np.radians(10.0)
+"""Bend of an elbow up to which the arm shows no rotation [rad]."""
 THUMB: Final = np.arctan2(0.02, 0.05)
 """Angle by which the thumb of `models/human.xml` is turned inward about the hand [rad]."""
 
@@ -215,7 +217,8 @@ def arm_angles(
     abduction = near(np.arctan2(out * aside, along), lower[1], upper[1])
     held = np.stack([flexion, np.clip(filled(abduction, time), lower[1], upper[1])], axis=1)
     turn = near(_turn(forearm, held, out), lower[2], upper[2])
-    turn = steady(turn, shows[:, 2], time, leaps)
+    bent = bend > _STRAIGHT
+    turn = steady(turn, np.where(bent, shows[:, 2], 0.0), time, leaps)
     rotation = np.clip(turn, lower[2], upper[2])
     elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
 
@@ -228,7 +231,8 @@ def arm_angles(
         "elbow_flexion": elbow,
     }
     told |= dict.fromkeys(("shoulder_flexion", "shoulder_abduction"), np.isfinite(up))
-    told |= dict.fromkeys(("shoulder_rotation", "elbow_flexion"), np.isfinite(bend))
+    # A straight arm does not show how it is rotated.
+    told |= {"elbow_flexion": np.isfinite(bend), "shoulder_rotation": bent}
     return angles, told, second
 
 
@@ -423,7 +427,9 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     bent, bent_told, _ = _segment("neck", axes, head - neck, left, time)
     # A head or a neck that stands for a lost one is elsewhere.
     usual = _if_ever(place["neck"]) & _if_ever(place["head_top"])
-    bent_told = {joint: told & usual for joint, told in bent_told.items()}
+    if not usual.all():
+        bent_told = {joint: told & usual for joint, told in bent_told.items()}
+        bent = {joint: _between(each, bent_told[joint], time) for joint, each in bent.items()}
     return Spine(pelvis, trunk | bent, trunk_told | bent_told, upright, axes)
 
 
