@@ -233,7 +233,23 @@ def test_a_point_that_drifts_is_not_scored_from_where_it_shows(work: Places) -> 
     assert not seen(recording)[210:250].any()
     assert seen(recording)[:200].all()
     assert seen(recording)[260:].all()
-    assert recording.doubts["left forearm of unusual length"][230]
+    drifts = recording.doubts["left forearm of unusual length"]
+    assert drifts[230]
+    # Where it begins, the length is off by less than what shows it.
+    length = np.linalg.norm(work["left_wrist"] - work["left_elbow"], axis=1)
+    off = np.abs(length - np.median(length)) / np.median(length)
+    assert off[drifts].min() < 0.0149
+
+
+def test_a_neck_that_both_shoulders_miss_is_in_a_wrong_place(work: Places) -> None:
+    for name in ("head", "head_top"):
+        del work[name]
+    work["neck"][100:150] += [0.0, 0.0, 0.12]
+    recording = fitted(work)
+    trunk = INDEX["trunk_flexion"]
+    assert recording.doubts["neck out of place"][100:150].all()
+    assert not recording.observed[100:150, trunk].any()
+    assert recording.observed[:100, trunk].all()
 
 
 def test_a_bone_that_always_varies_may_do_so(work: Places) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.made_motions import BODY, RATE, Places, fitted, leaning, posture, stoop, walk
+from benchmarks.recording_intervals import walking, with_t_pose
 from ergoqp import reba
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.joints import INDEX
@@ -245,3 +246,44 @@ def test_nobody_stands_straight_with_the_head_on_the_chest(nod: float) -> None:
         return
     with pytest.raises(RecordingError, match="neutral: got a posture at 2 s in which"):
         stated_neutral(places, frames, "at 2 s")
+
+
+def upright_and_bent(lean: float, knees: float = 50.0) -> tuple[Places, Places]:
+    """Somebody who works with bent knees, and a rest pose of the skeleton, which leans."""
+    works = posture(300, trunk_flexion=40.0, legs_knee_flexion=knees, legs_hip_flexion=20.0)
+    still = posture(1, trunk_flexion=lean)
+    pelvis = np.tile([0.0, 0.0, 0.85, 0.0], (300, 1))
+    rest = centres_of(BODY, pelvis[:1], still)
+    return centres_of(BODY, pelvis, works), {name: path[0] for name, path in rest.items()}
+
+
+def test_a_rest_pose_that_is_known_to_be_upright_needs_no_confirmation() -> None:
+    places, rest = upright_and_bent(12.0)
+    found = neutral_of(places, rest, np.arange(300) / RATE)
+    assert found.trunk == pytest.approx(np.radians(12), abs=0.01)
+    assert found.trunk_ends == (found.trunk, found.trunk)
+
+
+def test_a_standing_that_leans_backward_confirms_no_t_pose() -> None:
+    posed = posture(int(RATE), trunk_flexion=-12.0, arms_shoulder_abduction=90.0)
+    stands = posture(int(3 * RATE), trunk_flexion=-12.0, arms_elbow_flexion=20.0)
+    both = np.concatenate([posed, stands])
+    places = centres_of(BODY, np.tile([0.0, 0.0, 0.88, 0.0], (len(both), 1)), both)
+    found = neutral_of(places, {}, np.arange(len(both)) / RATE)
+    assert np.degrees(found.trunk_ends) == pytest.approx((-12, 0), abs=0.5)
+
+
+def test_all_that_may_be_upright_is_between_the_ends() -> None:
+    # The skeleton leans by 14 degrees, and the person leans backward in the T-pose.
+    upright, postures = walking()
+    places, _ = with_t_pose(upright, postures, -6.0)
+    found = neutral_of(leaning(places, 14.0), {}, np.arange(len(places["neck"])) / RATE)
+    assert np.degrees(found.trunk) == pytest.approx(8, abs=0.5)
+    assert np.degrees(found.trunk_ends) == pytest.approx((0, 14), abs=0.5)
+
+
+def test_who_walks_and_looks_at_the_floor_has_two_zeros_of_the_neck() -> None:
+    for looks, ends in ((20.0, (20.0, 20.0)), (45.0, (0.0, 45.0))):
+        places, _ = walking(neck=looks)
+        found = neutral_of(places, {}, np.arange(len(places["neck"])) / RATE)
+        assert np.degrees(found.neck_ends) == pytest.approx(ends, abs=1)

@@ -115,6 +115,16 @@ def test_nothing_is_near_across_a_cut() -> None:
     assert away_from(np.zeros(100, dtype=bool), time).min() == np.inf
 
 
+def test_in_a_gap_across_a_sudden_movement_it_is_anywhere_between() -> None:
+    postures = posture(COUNT, right_elbow_flexion=np.where(np.arange(COUNT) < 300, 20.0, 80.0))
+    observed = np.ones_like(postures, dtype=bool)
+    observed[295:305, ELBOW] = False
+    postures[295:305, ELBOW] = np.linspace(postures[294, ELBOW], postures[305, ELBOW], 10)
+    low, high = (np.degrees(each)[295:305, ELBOW] for each in ends_of(postures, observed))
+    assert low.max() <= 20
+    assert high.min() >= 80
+
+
 def test_a_wrist_bends_either_way_while_the_forearm_may_be_turned() -> None:
     postures = posture(COUNT, right_wrist_flexion=30.0, left_wrist_flexion=30.0)
     observed = np.ones_like(postures, dtype=bool)
@@ -139,7 +149,12 @@ def test_a_doubtful_arm_points_within_its_cone() -> None:
         np.degrees(each)
         for each in ends_of(postures, observed, doubt=Doubt(arms={"right_upper_arm": off}))
     )
-    for joint, wide in (("shoulder_flexion", 7.8), ("shoulder_abduction", 5), ("elbow_flexion", 5)):
+    for joint, wide in (
+        ("shoulder_flexion", 7.8),
+        ("shoulder_abduction", 5.0),
+        ("shoulder_rotation", 5.8),
+        ("elbow_flexion", 5.0),
+    ):
         place = INDEX[f"right_{joint}"]
         assert (high - low)[0, place] == pytest.approx(2 * wide, abs=0.1)
         assert (high - low)[0, INDEX[f"left_{joint}"]] == 0
