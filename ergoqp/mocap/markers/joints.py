@@ -2,8 +2,8 @@
 
 The hips follow from the pelvis (Harrington et al. 2007). Knee, elbow and ankle lie half their width
 inside the outer marker, perpendicular to the bone above ("chord", Davis et al. 1991), or midway
-between the outer and the inner marker. The axis of the elbow follows from its bend, and that of the
-knee from the marker on the thigh.
+between the outer and the inner marker. The axis of the elbow follows from its bend, or where it is
+straight from the marker on the upper arm; that of the knee from the marker on the thigh.
 
 All lengths are in metres, and NaN means not seen. The vertical is not needed.
 """
@@ -22,6 +22,15 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
+from ergoqp.mocap.markers.bones import (
+    across,
+    aside_of,
+    axis_of,
+    carried,
+    inside,
+    turn_of,
+    turned_about,
+)
 from ergoqp.mocap.markers.fit import AS_STATED, check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
 from ergoqp.mocap.markers.shoulders import (
@@ -34,39 +43,7 @@ from ergoqp.mocap.markers.shoulders import (
 from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
 
-
-def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
-    """Return the joint below a marker (n, 3), perpendicular to the bone from `origin` to it.
-
-    Args:
-        origin: start of the bone (n, 3).
-        marker: marker on the outside of the joint (n, 3).
-        aside: outward direction (n, 3).
-        by: distance of the joint inside the marker.
-    """
-    length = np.linalg.norm(marker - origin, axis=1, keepdims=True)
-    along = unit(marker - origin)
-    aside = unit(across(aside, along))
-    sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
-    cosine = np.sqrt(1 - sine**2)
-    return origin + length * cosine * (cosine * along - sine * aside)
-
-
-def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return the components of vectors perpendicular to unit axes (n, 3)."""
-    return vectors - dot(vectors, axes) * axes
-
-
-def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return the components of vectors along unit axes (n, 1)."""
-    return (vectors * axes).sum(axis=1, keepdims=True)
-
-
-_BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
-"""Sines of the bends up to which a limb does not show its axis, and from which it does fully."""
 _ROUNDS: Final = 5
-_OUTSIDE: Final = 0.01
-"""Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +96,7 @@ def centres_of_landmarks(
         widths: widths of the person.
         size: width between the ASIS and depth from them to the PSIS [m]; NaN if unknown.
     """
-    return centres_and_doubts(at, widths, size, {})[0]
+    return centres_and_doubts(at, widths, size, {}, turns_of(at, widths, size, {}))[0]
 
 
 def centres_and_doubts(
@@ -127,6 +104,7 @@ def centres_and_doubts(
     widths: Widths,
     size: tuple[float, float],
     sliding: Mapping[str, Sliding],
+    turns: Mapping[str, float],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the centres of `centres_of_landmarks`, and the doubts about the upper arms.
 
@@ -135,6 +113,7 @@ def centres_and_doubts(
         widths: as in `centres_of_landmarks`.
         size: as in `centres_of_landmarks`.
         sliding: side -> how the acromion's marker slides, where it may.
+        turns: side -> angle from the marker on the upper arm to the elbow's axis, as of `turns_of`.
 
     Returns:
         The centres, and for each side of `sliding` the half-angle by which the direction of the
@@ -149,7 +128,8 @@ def centres_and_doubts(
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
         shoulder = centres[f"{side}_shoulder"]
-        centres |= _arm(side, out, place, shoulder, (left, down), widths)
+        turn = turns.get(side, 0.0)
+        centres |= _arm(side, out, place, shoulder, (left, down), widths, turn)
         centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}, doubts
@@ -173,6 +153,30 @@ def roots_of(
     _, hips = _hips(place, size)
     _, down, left = _trunk(place, hips)
     return hips | _shoulders(place, down, left, widths, sliding)[0]
+
+
+def turns_of(
+    at: Mapping[str, np.ndarray],
+    widths: Widths,
+    size: tuple[float, float],
+    sliding: Mapping[str, Sliding],
+) -> dict[str, float]:
+    """Return side -> angle about the upper arm from its marker to the elbow's axis [rad].
+
+    Args:
+        at: as in `centres_of_landmarks`.
+        widths: as in `centres_of_landmarks`.
+        size: as in `centres_of_landmarks`.
+        sliding: as in `centres_and_doubts`.
+    """
+    place, roots = _Landmarks(at), roots_of(at, widths, size, sliding)
+    found: dict[str, float] = {}
+    for side in SIDES:
+        shoulder, elbow = roots[f"{side}_shoulder"], place[f"{side}_outer_elbow"]
+        bend, along = _bend(side, place, shoulder)
+        beside = aside_of(shoulder, elbow, place[f"{side}_upper_arm"])
+        found[side] = turn_of(bend, beside, along)
+    return found
 
 
 def _sliding(
@@ -270,6 +274,27 @@ def _head(place: _Landmarks) -> dict[str, np.ndarray]:
     return {"head": base, "head_top": middle + 0.10 * up, "nose": base + 0.12 * ahead}
 
 
+def _wrist(side: str, place: _Landmarks) -> np.ndarray:
+    """Return the wrist (n, 3)."""
+    pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
+    thumb, small = (place[name] for name in pair)
+    # If one of two is lost, the wrist is lost: the other is 3 cm from it in an unknown direction.
+    return (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
+
+
+def _bend(side: str, place: _Landmarks, shoulder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the outward cross product of upper arm and forearm, and the upper arm (n, 3).
+
+    The axis is perpendicular to both. As in Plug-in Gait, the marker is used for it and not the
+    joint below. With a carrying angle of 10 deg the marker is in the plane in which the wrist
+    moves, and this is exact; with one of another size the axis is turned the more the straighter
+    the arm is.
+    """
+    outer = place[f"{side}_outer_elbow"]
+    upper, fore = unit(outer - shoulder), unit(_wrist(side, place) - outer)
+    return np.cross(upper, fore) * (1.0 if side == "right" else -1.0), upper
+
+
 def _arm(
     side: str,
     out: float,
@@ -277,17 +302,16 @@ def _arm(
     shoulder: np.ndarray,
     trunk: tuple[np.ndarray, np.ndarray],
     widths: Widths,
+    turn: float,
 ) -> dict[str, np.ndarray]:
     left, down = trunk
-    pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
-    thumb, small = (place[name] for name in pair)
-    # If one of two is lost, the wrist is lost: the other is 3 cm from it in an unknown direction.
-    wrist = (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
+    thumb, small = place[f"{side}_wrist_thumb"], place[f"{side}_wrist_small"]
+    wrist = _wrist(side, place)
     outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
-    # The axis is perpendicular to upper arm and forearm. As in Plug-in Gait, the marker is used for
-    # it and not the joint below, which causes an error while the arm is nearly straight.
-    upper, fore = unit(outer - shoulder), unit(wrist - outer)
-    aside = _axis(-out * np.cross(upper, fore), _carried(out * left, down, upper), upper)
+    bend, upper = _bend(side, place, shoulder)
+    beside = aside_of(shoulder, outer, place[f"{side}_upper_arm"])
+    usual = either(turned_about(upper, beside, turn), carried(out * left, down, upper))
+    aside = axis_of(bend, usual, upper)
     elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
     # The marker of the hand is on its back.
     radial = thumb - small
@@ -312,12 +336,12 @@ def _leg(
     # The shank bends backward.
     both = (ankle + place[f"{side}_inner_ankle"]) / 2
     bent, aside = _knee(hip, knee, (ankle, both), out * left, widths, out)
-    shown = _shown(hip, knee, place[f"{side}_thigh"])
+    shown = aside_of(hip, knee, place[f"{side}_thigh"])
     inner = place[f"{side}_inner_knee"]
     middle = either((knee + inner) / 2, inside(hip, knee, shown, widths.knee), bent)
     aside = either(shown, aside)
     aside = either(knee - middle, aside)
-    aside = either(_shown(middle, ankle, place[f"{side}_shank"]), aside)
+    aside = either(aside_of(middle, ankle, place[f"{side}_shank"]), aside)
     low = either(both, inside(middle, ankle, aside, widths.ankle))
     return {f"{side}_knee": middle, f"{side}_ankle": low, f"{side}_toe": place[f"{side}_forefoot"]}
 
@@ -348,39 +372,8 @@ def _knee(
         knee = inside(hip, marker, aside, widths.knee)
         end = either(ankle[1], inside(knee, ankle[0], aside, widths.ankle))
         thigh, shank = unit(knee - hip), unit(end - knee)
-        aside = _axis(out * np.cross(thigh, shank), usual, thigh)
+        aside = axis_of(out * np.cross(thigh, shank), usual, thigh)
     return knee, aside
-
-
-def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Return the outward direction (n, 3): from the bend, or the usual one while it is straight.
-
-    Args:
-        shown: cross product of both bones, whose length is the sine of the bend.
-        usual: usual outward direction.
-        along: direction of the bone.
-    """
-    size = np.linalg.norm(shown, axis=1, keepdims=True)
-    share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
-    usual = unit(across(usual, along))
-    both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
-    return either(unit(both), usual)
-
-
-def _carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Return the outward direction of a hanging bone after it is raised without axial rotation."""
-    below = np.maximum(1 + dot(down, along), 0.1)
-    raised = aside - dot(aside, along) / below * (down + along)
-    return either(raised, aside)
-
-
-def _shown(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Return the outward direction by a marker beside a bone (n, 3); NaN if it is too near."""
-    along = unit(end - origin)
-    away = beside - origin
-    away = across(away, along)
-    far = np.linalg.norm(away, axis=1, keepdims=True) > _OUTSIDE
-    return np.where(far, unit(away), np.nan)
 
 
 _BLOCK: Final = 8192
@@ -450,6 +443,7 @@ def joints_of_markers(
         raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
     sliding = _sliding(sample, widths, size)
+    turns = turns_of(sample, widths, size, sliding)
     links = Links(roots_of(sample, widths, size, sliding) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
     around = round(_ON_ITS_WAY / step)
@@ -473,7 +467,7 @@ def joints_of_markers(
             if landmark in at:
                 _add(astray, landmark, start, away[inside])
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
-        found, doubtful = centres_and_doubts(at, widths, size, sliding)
+        found, doubtful = centres_and_doubts(at, widths, size, sliding, turns)
         for side, half in doubtful.items():
             doubts[side][start : start + _BLOCK] = half[inside]
         found |= {name: path for name, path in at.items() if name in CENTRES}

@@ -1,0 +1,103 @@
+"""Bones with one marker beside them: their lower joint, and the axis about which that bends.
+
+All directions are unit vectors (n, 3), and NaN means not seen.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ergoqp.mocap.fitting.posture import either, unit
+
+_BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
+"""Sines of the bends up to which a limb does not show its axis, and from which it does fully."""
+_OUTSIDE: Final = 0.01
+"""Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
+_FEW: Final = 10
+"""Least number of frames in which a limb is bent enough to show its axis."""
+
+
+def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
+    """Return the joint below a marker (n, 3), perpendicular to the bone from `origin` to it.
+
+    Args:
+        origin: start of the bone (n, 3).
+        marker: marker on the outside of the joint (n, 3).
+        aside: outward direction (n, 3).
+        by: distance of the joint inside the marker.
+    """
+    length = np.linalg.norm(marker - origin, axis=1, keepdims=True)
+    along = unit(marker - origin)
+    aside = unit(across(aside, along))
+    sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
+    cosine = np.sqrt(1 - sine**2)
+    return origin + length * cosine * (cosine * along - sine * aside)
+
+
+def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Return the components of vectors perpendicular to unit axes (n, 3)."""
+    return vectors - dot(vectors, axes) * axes
+
+
+def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Return the components of vectors along unit axes (n, 1)."""
+    return (vectors * axes).sum(axis=1, keepdims=True)
+
+
+def axis_of(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the outward direction (n, 3): from the bend, or the usual one while it is straight.
+
+    Args:
+        shown: cross product of both bones, whose length is the sine of the bend.
+        usual: usual outward direction.
+        along: direction of the bone.
+    """
+    size = np.linalg.norm(shown, axis=1, keepdims=True)
+    share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
+    usual = unit(across(usual, along))
+    both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
+    return either(unit(both), usual)
+
+
+def carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the outward direction of a hanging bone after it is raised without axial rotation."""
+    below = np.maximum(1 + dot(down, along), 0.1)
+    raised = aside - dot(aside, along) / below * (down + along)
+    return either(raised, aside)
+
+
+def aside_of(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Return the outward direction by a marker beside a bone (n, 3); NaN if it is too near."""
+    along = unit(end - origin)
+    away = beside - origin
+    away = across(away, along)
+    far = np.linalg.norm(away, axis=1, keepdims=True) > _OUTSIDE
+    return np.where(far, unit(away), np.nan)
+
+
+def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float:
+    """Return the angle about a bone from a marker beside it to the axis of the joint below [rad].
+
+    Both turn with the bone, so the angle is the same in every frame. Too few bent frames show
+    nothing, and then it is 0: the marker is on the outside.
+
+    Args:
+        bend: outward cross product of both bones (n, 3), whose length is the sine of the bend.
+        beside: outward direction by the marker (n, 3).
+        along: direction of the bone (n, 3).
+    """
+    size = np.linalg.norm(bend, axis=1)
+    rows = np.isfinite(beside[:, 0]) & (size > _BENT[1])
+    if rows.sum() < _FEW:
+        return 0.0
+    # An angle by which the lower bone is out of the plane turns this axis by its share of the sine.
+    weighted, beside = size[rows, None] * bend[rows], beside[rows]
+    sine, cosine = (np.cross(beside, weighted) * along[rows]).sum(), (beside * weighted).sum()
+    return float(np.arctan2(sine, cosine))
+
+
+def turned_about(along: np.ndarray, aside: np.ndarray, turn: float) -> np.ndarray:
+    """Return directions perpendicular to a bone (n, 3), turned about it by an angle [rad]."""
+    return np.cos(turn) * aside + np.sin(turn) * np.cross(along, aside)
