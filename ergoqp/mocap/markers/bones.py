@@ -11,12 +11,15 @@ import numpy as np
 
 from ergoqp.mocap.fitting.posture import either, unit
 
-_BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
+BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
 """Sines of the bends up to which a limb does not show its axis, and from which it does fully."""
+WORN: Final = (np.sin(np.radians(15)), np.sin(np.radians(30)))
+"""The same where a marker beside the bone shows it better than the trunk does. The marker outside a
+straight elbow shows a bend of up to 17 deg."""
 _OUTSIDE: Final = 0.01
 """Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
 _FEW: Final = 10
-"""Least number of frames in which a limb is bent enough to show its axis."""
+"""Least number of frames in which an elbow is bent enough to show its axis."""
 
 
 def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
@@ -46,16 +49,19 @@ def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return (vectors * axes).sum(axis=1, keepdims=True)
 
 
-def axis_of(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
+def axis_of(
+    shown: np.ndarray, usual: np.ndarray, along: np.ndarray, bent: tuple[float, float]
+) -> np.ndarray:
     """Return the outward direction (n, 3): from the bend, or the usual one while it is straight.
 
     Args:
         shown: cross product of both bones, whose length is the sine of the bend.
         usual: usual outward direction.
         along: direction of the bone.
+        bent: sines between which the bend is used more and more.
     """
     size = np.linalg.norm(shown, axis=1, keepdims=True)
-    share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
+    share = np.clip((size - bent[0]) / (bent[1] - bent[0]), 0, 1)
     usual = unit(across(usual, along))
     both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
     return either(unit(both), usual)
@@ -78,18 +84,18 @@ def aside_of(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndar
 
 
 def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float:
-    """Return the angle about a bone from a marker beside it to the axis of the joint below [rad].
+    """Return the angle about an upper arm from a marker beside it to the axis of the elbow [rad].
 
     Both turn with the bone, so the angle is the same in every frame. Too few bent frames show
     nothing, and then it is 0: the marker is on the outside.
 
     Args:
-        bend: outward cross product of both bones (n, 3), whose length is the sine of the bend.
+        bend: outward cross product of both bones, as long as the sine of the bend (n, 3).
         beside: outward direction by the marker (n, 3).
-        along: direction of the bone (n, 3).
+        along: direction of the upper arm (n, 3).
     """
     size = np.linalg.norm(bend, axis=1)
-    rows = np.isfinite(beside[:, 0]) & (size > _BENT[1])
+    rows = np.isfinite(beside[:, 0]) & (size > WORN[1])
     if rows.sum() < _FEW:
         return 0.0
     # An angle by which the lower bone is out of the plane turns this axis by its share of the sine.

@@ -23,6 +23,8 @@ from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import THUMB, either, unit
 from ergoqp.mocap.markers.bones import (
+    BENT,
+    WORN,
     across,
     aside_of,
     axis_of,
@@ -310,8 +312,8 @@ def _arm(
     outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
     bend, upper = _bend(side, place, shoulder)
     beside = aside_of(shoulder, outer, place[f"{side}_upper_arm"])
-    usual = either(turned_about(upper, beside, turn), carried(out * left, down, upper))
-    aside = axis_of(bend, usual, upper)
+    worn = axis_of(bend, turned_about(upper, beside, turn), upper, WORN)
+    aside = either(worn, axis_of(bend, carried(out * left, down, upper), upper, BENT))
     elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
     # The marker of the hand is on its back.
     radial = thumb - small
@@ -372,7 +374,7 @@ def _knee(
         knee = inside(hip, marker, aside, widths.knee)
         end = either(ankle[1], inside(knee, ankle[0], aside, widths.ankle))
         thigh, shank = unit(knee - hip), unit(end - knee)
-        aside = axis_of(out * np.cross(thigh, shank), usual, thigh)
+        aside = axis_of(out * np.cross(thigh, shank), usual, thigh, BENT)
     return knee, aside
 
 
