@@ -50,7 +50,8 @@ from ergoqp.human import Body
 from ergoqp.joints import SIDES
 from ergoqp.mocap import fit_postures
 from ergoqp.mocap.joints import Found, ReadOptions, joints_of
-from ergoqp.mocap.markers.joints import Widths, centres_of_landmarks
+from ergoqp.mocap.markers.bones import Widths
+from ergoqp.mocap.markers.joints import centres_of_landmarks
 from ergoqp.mocap.naming import best_set, centres_of
 from ergoqp.mocap.readers import read_motion
 from ergoqp.mocap.recording import JointMotion

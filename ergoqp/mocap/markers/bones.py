@@ -1,10 +1,14 @@
-"""Bones with one marker beside them: their lower joint, and the axis about which that bends.
+"""Landmarks, widths of joints, and bones with one marker beside them.
+
+Of such a bone: its lower joint, and the axis about which that bends.
 
 All directions are unit vectors (n, 3), and NaN means not seen.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,8 +22,64 @@ WORN: Final = (np.sin(np.radians(15)), np.sin(np.radians(30)))
 straight elbow shows a bend of up to 17 deg."""
 _OUTSIDE: Final = 0.01
 """Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
+_BESIDE: Final = np.radians(45.0)
+_BARE: Final = np.radians(60.0)
+"""Angles by which the axis of a straight elbow may be turned: from a marker on the upper arm, and
+from the outside of the trunk. In takes of eight arms they were up to 64 and 55 deg."""
 _FEW: Final = 10
 """Least number of frames in which an elbow is bent enough to show its axis."""
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Distances of joints from their markers [m]; markers are 14 mm wide.
+
+    The defaults are adult averages. Measures in the recording replace them.
+
+    Attributes:
+        knee: half the knee's width and half a marker.
+        ankle: half the ankle's width and half a marker.
+        elbow: half the elbow's width and half a marker.
+        shoulder: from the acromion's marker down to the joint.
+        hand: half the hand's thickness and half a marker.
+    """
+
+    knee: float = 0.057
+    ankle: float = 0.043
+    elbow: float = 0.044
+    shoulder: float = 0.047
+    hand: float = 0.020
+
+    @classmethod
+    def of(cls, measures: Mapping[str, float]) -> Widths:
+        """Return the widths from the measures that Vicon's programs write into a file.
+
+        Args:
+            measures: name of a measure, in small letters -> its value [m].
+        """
+        half, found = 0.007, {}
+        for name in ("knee", "ankle", "elbow", "hand"):
+            what = "thickness" if name == "hand" else "width"
+            sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
+            if min(sides) > 0:
+                found[name] = 0.5 * float(np.mean(sides)) + half
+        sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
+        if min(sides) > 0:
+            found["shoulder"] = float(np.mean(sides)) + half
+        # Widths that cannot be those of a person are typing errors.
+        return cls(**{name: w for name, w in found.items() if 0.5 < w / getattr(cls, name) < 2.0})
+
+
+class Landmarks(dict[str, np.ndarray]):
+    """Landmarks; a missing one is NaN everywhere."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        """Return NaN for each frame (n, 3)."""
+        return np.full_like(next(iter(self.values())), np.nan)
+
+    def middle(self, name: str) -> np.ndarray:
+        """Return the middle between both sides."""
+        return (self[f"right_{name}"] + self[f"left_{name}"]) / 2
 
 
 def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
@@ -61,10 +121,15 @@ def axis_of(
         bent: sines between which the bend is used more and more.
     """
     size = np.linalg.norm(shown, axis=1, keepdims=True)
-    share = np.clip((size - bent[0]) / (bent[1] - bent[0]), 0, 1)
+    share = share_of(size, bent)
     usual = unit(across(usual, along))
     both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
     return either(unit(both), usual)
+
+
+def share_of(size: np.ndarray, bent: tuple[float, float]) -> np.ndarray:
+    """Return how far a bend shows the axis, from 0 to 1, by its sine."""
+    return np.clip((size - bent[0]) / (bent[1] - bent[0]), 0, 1)
 
 
 def carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -83,11 +148,11 @@ def aside_of(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndar
     return np.where(far, unit(away), np.nan)
 
 
-def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float:
+def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float | None:
     """Return the angle about an upper arm from a marker beside it to the axis of the elbow [rad].
 
-    Both turn with the bone, so the angle is the same in every frame. Too few bent frames show
-    nothing, and then it is 0: the marker is on the outside.
+    Both turn with the bone, so the angle is the same in every frame. It is None if the elbow is
+    bent in too few.
 
     Args:
         bend: outward cross product of both bones, as long as the sine of the bend (n, 3).
@@ -97,8 +162,8 @@ def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float:
     size = np.linalg.norm(bend, axis=1)
     rows = np.isfinite(beside[:, 0]) & (size > WORN[1])
     if rows.sum() < _FEW:
-        return 0.0
-    # An angle by which the lower bone is out of the plane turns this axis by its share of the sine.
+        return None
+    # A carrying angle turns the axis that the bend shows the less, the larger its sine is.
     weighted, beside = size[rows, None] * bend[rows], beside[rows]
     sine, cosine = (np.cross(beside, weighted) * along[rows]).sum(), (beside * weighted).sum()
     return float(np.arctan2(sine, cosine))
@@ -107,3 +172,21 @@ def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float:
 def turned_about(along: np.ndarray, aside: np.ndarray, turn: float) -> np.ndarray:
     """Return directions perpendicular to a bone (n, 3), turned about it by an angle [rad]."""
     return np.cos(turn) * aside + np.sin(turn) * np.cross(along, aside)
+
+
+def may_be_off(
+    bend: np.ndarray, beside: np.ndarray, calibrated: bool, by: float, length: np.ndarray
+) -> np.ndarray:
+    """Return the half-angle by which the elbow's axis may turn an upper arm (n,) [rad].
+
+    Args:
+        bend: as in `turn_of`.
+        beside: as in `turn_of`.
+        calibrated: whether the angle from there to the axis is known.
+        by: distance of the joint inside its marker [m].
+        length: from the shoulder to that marker (n,) [m].
+    """
+    size, worn = np.linalg.norm(bend, axis=1), np.isfinite(beside[:, 0])
+    turned = np.where(worn, 0.0 if calibrated else _BESIDE, _BARE)
+    turned *= 1 - np.where(worn, share_of(size, WORN), share_of(size, BENT))
+    return 2 * np.sin(turned / 2) * by / length

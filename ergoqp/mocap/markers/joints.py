@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -21,17 +21,16 @@ from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
-from ergoqp.mocap.fitting.posture import THUMB, either, unit
+from ergoqp.mocap.fitting.posture import either, unit
+from ergoqp.mocap.markers.arms import arm_of, axes_said, turn_to_axis
 from ergoqp.mocap.markers.bones import (
     BENT,
-    WORN,
+    Landmarks,
+    Widths,
     across,
     aside_of,
     axis_of,
-    carried,
     inside,
-    turn_of,
-    turned_about,
 )
 from ergoqp.mocap.markers.fit import AS_STATED, check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
@@ -46,46 +45,6 @@ from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
 
 _ROUNDS: Final = 5
-
-
-@dataclass(frozen=True)
-class Widths:
-    """Distances of joints from their markers [m]; markers are 14 mm wide.
-
-    The defaults are adult averages. Measures in the recording replace them.
-
-    Attributes:
-        knee: half the knee's width and half a marker.
-        ankle: half the ankle's width and half a marker.
-        elbow: half the elbow's width and half a marker.
-        shoulder: from the acromion's marker down to the joint.
-        hand: half the hand's thickness and half a marker.
-    """
-
-    knee: float = 0.057
-    ankle: float = 0.043
-    elbow: float = 0.044
-    shoulder: float = 0.047
-    hand: float = 0.020
-
-    @classmethod
-    def of(cls, measures: Mapping[str, float]) -> Widths:
-        """Return the widths from the measures that Vicon's programs write into a file.
-
-        Args:
-            measures: name of a measure, in small letters -> its value [m].
-        """
-        half, found = 0.007, {}
-        for name in ("knee", "ankle", "elbow", "hand"):
-            what = "thickness" if name == "hand" else "width"
-            sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
-            if min(sides) > 0:
-                found[name] = 0.5 * float(np.mean(sides)) + half
-        sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
-        if min(sides) > 0:
-            found["shoulder"] = float(np.mean(sides)) + half
-        # Widths that cannot be those of a person are typing errors.
-        return cls(**{name: w for name, w in found.items() if 0.5 < w / getattr(cls, name) < 2.0})
 
 
 def centres_of_landmarks(
@@ -118,10 +77,10 @@ def centres_and_doubts(
         turns: side -> angle from the marker on the upper arm to the elbow's axis, as of `turns_of`.
 
     Returns:
-        The centres, and for each side of `sliding` the half-angle by which the direction of the
-        upper arm may be off (n,) [rad].
+        The centres, and for each side the half-angle by which the direction of the upper arm may
+        be off (n,) [rad].
     """
-    place = _Landmarks(at)
+    place = Landmarks(at)
     level, hips = _hips(place, size)
     trunk, down, left = _trunk(place, hips)
     shoulders, doubts = _shoulders(place, down, left, widths, sliding)
@@ -130,8 +89,9 @@ def centres_and_doubts(
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
         shoulder = centres[f"{side}_shoulder"]
-        turn = turns.get(side, 0.0)
-        centres |= _arm(side, out, place, shoulder, (left, down), widths, turn)
+        arm, off = arm_of(side, out, place, shoulder, (left, down), widths, turns.get(side))
+        centres |= arm
+        doubts[side] = np.hypot(doubts.get(side, 0.0), off)
         centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}, doubts
@@ -151,7 +111,7 @@ def roots_of(
         size: as in `centres_of_landmarks`.
         sliding: as in `centres_and_doubts`.
     """
-    place = _Landmarks(at)
+    place = Landmarks(at)
     _, hips = _hips(place, size)
     _, down, left = _trunk(place, hips)
     return hips | _shoulders(place, down, left, widths, sliding)[0]
@@ -165,27 +125,24 @@ def turns_of(
 ) -> dict[str, float]:
     """Return side -> angle about the upper arm from its marker to the elbow's axis [rad].
 
+    Sides whose elbow is bent in too few frames are left out.
+
     Args:
         at: as in `centres_of_landmarks`.
         widths: as in `centres_of_landmarks`.
         size: as in `centres_of_landmarks`.
         sliding: as in `centres_and_doubts`.
     """
-    place, roots = _Landmarks(at), roots_of(at, widths, size, sliding)
-    found: dict[str, float] = {}
-    for side in SIDES:
-        shoulder, elbow = roots[f"{side}_shoulder"], place[f"{side}_outer_elbow"]
-        bend, along = _bend(side, place, shoulder)
-        beside = aside_of(shoulder, elbow, place[f"{side}_upper_arm"])
-        found[side] = turn_of(bend, beside, along)
-    return found
+    place, roots = Landmarks(at), roots_of(at, widths, size, sliding)
+    turns = {side: turn_to_axis(side, place, roots[f"{side}_shoulder"]) for side in SIDES}
+    return {side: turn for side, turn in turns.items() if turn is not None}
 
 
 def _sliding(
     at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
 ) -> dict[str, Sliding]:
     """Return side -> how its acromion's marker slides, by a sample of frames, where it may."""
-    place = _Landmarks(at)
+    place = Landmarks(at)
     _, hips = _hips(place, size)
     _, down, left = _trunk(place, hips)
     # The shoulders themselves are no place on the trunk.
@@ -202,18 +159,7 @@ def _sliding(
     return found
 
 
-class _Landmarks(dict[str, np.ndarray]):
-    """Landmarks; a missing one is NaN everywhere."""
-
-    def __missing__(self, name: str) -> np.ndarray:
-        return np.full_like(next(iter(self.values())), np.nan)
-
-    def middle(self, name: str) -> np.ndarray:
-        """Return the middle between both sides."""
-        return (self[f"right_{name}"] + self[f"left_{name}"]) / 2
-
-
-def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _hips(place: Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the left direction of the pelvis (n, 3), and the hip centres."""
     width, depth = size
     front = place.middle("asis")
@@ -228,7 +174,7 @@ def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dic
 
 
 def _trunk(
-    place: _Landmarks, hips: Mapping[str, np.ndarray]
+    place: Landmarks, hips: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Return the base of the neck, and the directions down and left of the trunk (n, 3)."""
     shoulders = place.middle("acromion")
@@ -243,13 +189,13 @@ def _trunk(
     return {"neck": neck}, down, left
 
 
-def _below(place: _Landmarks, down: np.ndarray, widths: Widths) -> list[np.ndarray]:
+def _below(place: Landmarks, down: np.ndarray, widths: Widths) -> list[np.ndarray]:
     """Return the right and the left shoulder below markers that do not slide (n, 3)."""
     return [place[f"{side}_acromion"] + widths.shoulder * down for side in SIDES]
 
 
 def _shoulders(
-    place: _Landmarks,
+    place: Landmarks,
     down: np.ndarray,
     left: np.ndarray,
     widths: Widths,
@@ -264,7 +210,7 @@ def _shoulders(
     return {f"{side}_shoulder": path for side, path in shoulders.items()}, doubts
 
 
-def _head(place: _Landmarks) -> dict[str, np.ndarray]:
+def _head(place: Landmarks) -> dict[str, np.ndarray]:
     """Return base and top of the head, and where the nose points."""
     front, back = place.middle("head_front"), place.middle("head_back")
     ahead = unit(front - back)
@@ -276,63 +222,8 @@ def _head(place: _Landmarks) -> dict[str, np.ndarray]:
     return {"head": base, "head_top": middle + 0.10 * up, "nose": base + 0.12 * ahead}
 
 
-def _wrist(side: str, place: _Landmarks) -> np.ndarray:
-    """Return the wrist (n, 3)."""
-    pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
-    thumb, small = (place[name] for name in pair)
-    # If one of two is lost, the wrist is lost: the other is 3 cm from it in an unknown direction.
-    return (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
-
-
-def _bend(side: str, place: _Landmarks, shoulder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outward cross product of upper arm and forearm, and the upper arm (n, 3).
-
-    The axis is perpendicular to both. As in Plug-in Gait, the marker is used for it and not the
-    joint below. With a carrying angle of 10 deg the marker is in the plane in which the wrist
-    moves, and this is exact; with one of another size the axis is turned the more the straighter
-    the arm is.
-    """
-    outer = place[f"{side}_outer_elbow"]
-    upper, fore = unit(outer - shoulder), unit(_wrist(side, place) - outer)
-    return np.cross(upper, fore) * (1.0 if side == "right" else -1.0), upper
-
-
-def _arm(
-    side: str,
-    out: float,
-    place: _Landmarks,
-    shoulder: np.ndarray,
-    trunk: tuple[np.ndarray, np.ndarray],
-    widths: Widths,
-    turn: float,
-) -> dict[str, np.ndarray]:
-    left, down = trunk
-    thumb, small = place[f"{side}_wrist_thumb"], place[f"{side}_wrist_small"]
-    wrist = _wrist(side, place)
-    outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
-    bend, upper = _bend(side, place, shoulder)
-    beside = aside_of(shoulder, outer, place[f"{side}_upper_arm"])
-    worn = axis_of(bend, turned_about(upper, beside, turn), upper, WORN)
-    aside = either(worn, axis_of(bend, carried(out * left, down, upper), upper, BENT))
-    elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
-    # The marker of the hand is on its back.
-    radial = thumb - small
-    hand = place[f"{side}_hand"]
-    dorsal = unit(np.cross(hand - wrist, radial)) * -out
-    knuckles = hand - widths.hand * dorsal
-    along = unit(either(knuckles - wrist, wrist - elbow))
-    radial = unit(across(radial, along))
-    turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
-    return {
-        f"{side}_elbow": elbow,
-        f"{side}_wrist": wrist,
-        f"{side}_knuckles": either(knuckles, wrist + 0.08 * along),
-        f"{side}_thumb": wrist + 0.05 * turned,
-    }
-
-
 def _leg(
-    side: str, out: float, place: _Landmarks, hip: np.ndarray, left: np.ndarray, widths: Widths
+    side: str, out: float, place: Landmarks, hip: np.ndarray, left: np.ndarray, widths: Widths
 ) -> dict[str, np.ndarray]:
     knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
     # The shank bends backward.
@@ -388,11 +279,6 @@ _SHOULDERS: Final = (0.22, 0.55)
 """Range of the distance between the acromions of a person [m]."""
 _ON_ITS_WAY: Final = 0.1
 """Time that a marker needs to move to a wrong place, and back [s]."""
-_BARE_ELBOW: Final = (
-    "An elbow with one marker is taken to bend about the axis that this marker shows, as in"
-    " Plug-in Gait: if the arm is bent by less than 25 deg, the elbow may be off by 12 deg and the"
-    " upper arm's rotation by 15 deg."
-)
 _UNITS: Final = (1.0, 0.01, 0.001, 0.0254)
 
 
@@ -412,7 +298,8 @@ def joints_of_markers(
     """Return joint centre -> positions (n, 3) [m], sentences, markers left out, and doubts.
 
     The doubts are the half-angles by which the direction of an upper arm may be off, because the
-    acromion's marker slides: ``right_upper_arm``, ``left_upper_arm`` -> (n,) [rad].
+    acromion's marker slides or the axis of the elbow is not shown: ``right_upper_arm``,
+    ``left_upper_arm`` -> (n,) [rad].
 
     Args:
         motion: the markers.
@@ -479,7 +366,7 @@ def joints_of_markers(
             centres[name][start : start + _BLOCK] = path[inside]
         progress(min((start + _BLOCK) / count, 1.0))
     bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
-    how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
+    how = [*_said(widths, filled, count), *axes_said(bare, sample, turns)]
     how += sliding_said(sliding, doubts)
     said = [*how, *astray_said(motion, astray), *said]
     return centres, said, astray, {f"{side}_upper_arm": half for side, half in doubts.items()}

@@ -12,10 +12,9 @@ from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, posture
 from ergoqp.human.body import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
-from ergoqp.mocap.markers.bones import carried
+from ergoqp.mocap.markers.bones import Widths, carried
 from ergoqp.mocap.markers.fit import places_of_markers
 from ergoqp.mocap.markers.joints import (
-    Widths,
     centres_of_landmarks,
     roots_of,
 )
