@@ -126,6 +126,22 @@ def shrugging(postures: np.ndarray) -> np.ndarray:
     return np.column_stack([0.03 * ahead, 0 * time, 0.025 * np.maximum(up, 0)])
 
 
+def slowly(postures: np.ndarray) -> np.ndarray:
+    """Return shoulders that are shrugged and moved back slowly, and by more (n, 3) [m]."""
+    time = np.arange(len(postures)) / RATE
+    back, up = np.cos(2 * np.pi * 0.17 * time), np.sin(2 * np.pi * 0.13 * time + 2)
+    return np.column_stack([-0.02 * back, 0 * time, 0.04 * np.maximum(up, 0)])
+
+
+def bending(postures: np.ndarray) -> np.ndarray:
+    """Return the postures with elbows that bend from 3 to 90 deg and straighten again."""
+    found, time = postures.copy(), np.arange(len(postures)) / RATE
+    for side in SIDES:
+        bend = 3 + 87 * (1 - np.cos(2 * np.pi * 0.37 * time)) / 2
+        found[:, INDEX[f"{side}_elbow_flexion"]] = np.radians(bend)
+    return found
+
+
 def reaching(postures: np.ndarray) -> np.ndarray:
     """Return shoulders that move ahead as the right arm is flexed (n, 3) [m]."""
     share = np.clip(postures[:, INDEX["right_shoulder_flexion"]] / (np.pi / 2), 0, 1)
