@@ -7,7 +7,7 @@ hanging arms and without any low arm. BIN is the lower end of 30 deg of true ele
 ``arm_error_deg.BIN``: angle between the upper arm that is read and the true one, root of the mean
 square, where the marker slides by 0, 45 / 35 and 60 / 50 mm (up / in at 120 deg), each with a joint
 that itself stays, or rises by 30 mm and moves in by 10. The made person's forearms have no carrying
-angle, which nobody's lack; ``.carrying_10``, ``.carrying_15``: with one of so many degrees.
+angle; ``.carrying_10``, ``.carrying_15``: with one of so many degrees.
 ``.elbow_moves``: elbows bend from 3 to 90 deg and straighten again all the time, and are not kept.
 Controls: ``.below``, had the joint been below the marker by 47 mm; ``.fixed``, the centre of a
 sphere that is fixed to the trunk; ``.known``, the true joint: what is left is due to the elbow.
@@ -264,7 +264,7 @@ def read_as(control: str, report: Report, carrying: float) -> None:
     """Print the figures of `scores`, under the name of a control."""
     found: list[np.ndarray] = []
     slides = [replace(each, carrying=carrying) for each in report.pick(SLID[:1], TUNED)]
-    elbows = report.pick((90.0,), ELBOWS)
+    elbows = report.pick((3.0, 90.0), ELBOWS)
     for slide, elbow, hang in product(slides, (*elbows, None), (True, False)):
         for name in report.pick(SAMPLE, tuple(SHOULDERS)):
             truth = _raised(name, elbow, hang=hang)

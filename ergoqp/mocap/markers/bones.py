@@ -23,9 +23,10 @@ straight elbow shows a bend of up to 17 deg."""
 _OUTSIDE: Final = 0.01
 """Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
 _BESIDE: Final = np.radians(45.0)
-_BARE: Final = np.radians(60.0)
+_BARE: Final = np.radians(90.0)
 """Angles by which the axis of a straight elbow may be turned: from a marker on the upper arm, and
-from the outside of the trunk. In takes of eight arms they were up to 64 and 55 deg."""
+from the outside of the trunk. In the bent frames of real takes the first was up to 64 deg and 30
+on average; the second has no bound, because a raised arm may be turned about its length."""
 _FEW: Final = 10
 """Least number of frames in which an elbow is bent enough to show its axis."""
 
