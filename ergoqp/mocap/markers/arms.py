@@ -23,7 +23,6 @@ from ergoqp.mocap.markers.bones import (
     axis_of,
     carried,
     inside,
-    may_be_off,
     turn_of,
     turned_about,
 )
@@ -72,8 +71,8 @@ def arm_of(
     trunk: tuple[np.ndarray, np.ndarray],
     widths: Widths,
     turn: float | None,
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return elbow and hand, and the doubt about the upper arm due to the elbow (n,) [rad]."""
+) -> dict[str, np.ndarray]:
+    """Return elbow and hand (n, 3)."""
     left, down = trunk
     thumb, small = place[f"{side}_wrist_thumb"], place[f"{side}_wrist_small"]
     wrist = wrist_of(side, place)
@@ -83,12 +82,7 @@ def arm_of(
     # Without bent frames the marker is taken to be on the outside.
     worn = axis_of(bend, turned_about(upper, beside, turn or 0.0), upper, WORN)
     aside = either(worn, axis_of(bend, carried(out * left, down, upper), upper, BENT))
-    both = (outer + inner) / 2
-    elbow = either(both, inside(shoulder, outer, aside, widths.elbow))
-    length = np.linalg.norm(outer - shoulder, axis=1)
-    off = may_be_off(bend, beside, turn is not None, widths.elbow, length)
-    known = np.isfinite(both[:, 0]) | np.isfinite(place[f"{side}_elbow"][:, 0])
-    off = np.where(known | ~np.isfinite(off), 0.0, off)
+    elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
     # The marker of the hand is on its back.
     radial = thumb - small
     hand = place[f"{side}_hand"]
@@ -97,13 +91,12 @@ def arm_of(
     along = unit(either(knuckles - wrist, wrist - elbow))
     radial = unit(across(radial, along))
     turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
-    centres = {
+    return {
         f"{side}_elbow": elbow,
         f"{side}_wrist": wrist,
         f"{side}_knuckles": either(knuckles, wrist + 0.08 * along),
         f"{side}_thumb": wrist + 0.05 * turned,
     }
-    return centres, off
 
 
 def turn_to_axis(side: str, place: Landmarks, shoulder: np.ndarray) -> float | None:

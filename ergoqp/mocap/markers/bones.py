@@ -22,11 +22,6 @@ WORN: Final = (np.sin(np.radians(15)), np.sin(np.radians(30)))
 straight elbow shows a bend of up to 17 deg."""
 _OUTSIDE: Final = 0.01
 """Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
-_BESIDE: Final = np.radians(45.0)
-_BARE: Final = np.radians(90.0)
-"""Angles by which the axis of a straight elbow may be turned: from a marker on the upper arm, and
-from the outside of the trunk. In the bent frames of real takes the first was up to 64 deg and 30
-on average; the second has no bound, because a raised arm may be turned about its length."""
 _FEW: Final = 10
 """Least number of frames in which an elbow is bent enough to show its axis."""
 
@@ -122,15 +117,10 @@ def axis_of(
         bent: sines between which the bend is used more and more.
     """
     size = np.linalg.norm(shown, axis=1, keepdims=True)
-    share = share_of(size, bent)
+    share = np.clip((size - bent[0]) / (bent[1] - bent[0]), 0, 1)
     usual = unit(across(usual, along))
     both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
     return either(unit(both), usual)
-
-
-def share_of(size: np.ndarray, bent: tuple[float, float]) -> np.ndarray:
-    """Return how far a bend shows the axis, from 0 to 1, by its sine."""
-    return np.clip((size - bent[0]) / (bent[1] - bent[0]), 0, 1)
 
 
 def carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -173,21 +163,3 @@ def turn_of(bend: np.ndarray, beside: np.ndarray, along: np.ndarray) -> float | 
 def turned_about(along: np.ndarray, aside: np.ndarray, turn: float) -> np.ndarray:
     """Return directions perpendicular to a bone (n, 3), turned about it by an angle [rad]."""
     return np.cos(turn) * aside + np.sin(turn) * np.cross(along, aside)
-
-
-def may_be_off(
-    bend: np.ndarray, beside: np.ndarray, calibrated: bool, by: float, length: np.ndarray
-) -> np.ndarray:
-    """Return the half-angle by which the elbow's axis may turn an upper arm (n,) [rad].
-
-    Args:
-        bend: as in `turn_of`.
-        beside: as in `turn_of`.
-        calibrated: whether the angle from there to the axis is known.
-        by: distance of the joint inside its marker [m].
-        length: from the shoulder to that marker (n,) [m].
-    """
-    size, worn = np.linalg.norm(bend, axis=1), np.isfinite(beside[:, 0])
-    turned = np.where(worn, 0.0 if calibrated else _BESIDE, _BARE)
-    turned *= 1 - np.where(worn, share_of(size, WORN), share_of(size, BENT))
-    return 2 * np.sin(turned / 2) * by / length

@@ -77,8 +77,8 @@ def centres_and_doubts(
         turns: side -> angle from the marker on the upper arm to the elbow's axis, as of `turns_of`.
 
     Returns:
-        The centres, and for each side the half-angle by which the direction of the upper arm may
-        be off (n,) [rad].
+        The centres, and for each side of `sliding` the half-angle by which the direction of the
+        upper arm may be off (n,) [rad].
     """
     place = Landmarks(at)
     level, hips = _hips(place, size)
@@ -89,9 +89,7 @@ def centres_and_doubts(
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
         shoulder = centres[f"{side}_shoulder"]
-        arm, off = arm_of(side, out, place, shoulder, (left, down), widths, turns.get(side))
-        centres |= arm
-        doubts[side] = np.hypot(doubts.get(side, 0.0), off)
+        centres |= arm_of(side, out, place, shoulder, (left, down), widths, turns.get(side))
         centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}, doubts
@@ -298,8 +296,7 @@ def joints_of_markers(
     """Return joint centre -> positions (n, 3) [m], sentences, markers left out, and doubts.
 
     The doubts are the half-angles by which the direction of an upper arm may be off, because the
-    acromion's marker slides or the axis of the elbow is not shown: ``right_upper_arm``,
-    ``left_upper_arm`` -> (n,) [rad].
+    acromion's marker slides: ``right_upper_arm``, ``left_upper_arm`` -> (n,) [rad].
 
     Args:
         motion: the markers.
