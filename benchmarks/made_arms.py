@@ -1,4 +1,7 @@
-"""Takes of raised arms in which the acromion's marker slides, with the true arms."""
+"""Takes of raised arms in which the acromion's marker slides, with the true arms.
+
+Forearms may have a carrying angle: the wrist is outside the plane in which a straight arm bends.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.made_markers import plug_in_gait
 from benchmarks.made_motions import BODY, RATE, posture, shoulders
@@ -18,6 +22,8 @@ from ergoqp.mocap.naming import centres_of
 from ergoqp.sheets.description import elevation_of
 
 Shape = Callable[[np.ndarray], np.ndarray]
+FOREARM: Final = ("FRM", "WRA", "WRB", "FIN")
+"""Markers that move with the elbow's joint."""
 ARM: Final = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
 """Markers that move with the shoulder's joint."""
 STILL: Final = 75
@@ -42,6 +48,7 @@ class Slide:
         girdle: movement of the joint ahead, left and up that does not depend on the elevation of
             the arms, by the postures (n, 32) -> (n, 3) [m].
         noise: standard deviation of a marker's coordinate [m].
+        carrying: angle by which forearms point outward along the axis of the elbow [deg].
         body: the person.
         seed: of the noise.
     """
@@ -51,6 +58,7 @@ class Slide:
     shape: Shape = ramp
     girdle: Callable[[np.ndarray], np.ndarray] = lambda postures: np.zeros((len(postures), 3))
     noise: float = 0.0005
+    carrying: float = 0.0
     body: Body = BODY
     seed: int = 1000
 
@@ -118,6 +126,22 @@ def shrugging(postures: np.ndarray) -> np.ndarray:
     return np.column_stack([0.03 * ahead, 0 * time, 0.025 * np.maximum(up, 0)])
 
 
+def slowly(postures: np.ndarray) -> np.ndarray:
+    """Return shoulders that are shrugged and moved back slowly, and by more (n, 3) [m]."""
+    time = np.arange(len(postures)) / RATE
+    back, up = np.cos(2 * np.pi * 0.17 * time), np.sin(2 * np.pi * 0.13 * time + 2)
+    return np.column_stack([-0.02 * back, 0 * time, 0.04 * np.maximum(up, 0)])
+
+
+def bending(postures: np.ndarray) -> np.ndarray:
+    """Return the postures with elbows that bend from 3 to 90 deg and straighten again."""
+    found, time = postures.copy(), np.arange(len(postures)) / RATE
+    for side in SIDES:
+        bend = 3 + 87 * (1 - np.cos(2 * np.pi * 0.37 * time)) / 2
+        found[:, INDEX[f"{side}_elbow_flexion"]] = np.radians(bend)
+    return found
+
+
 def reaching(postures: np.ndarray) -> np.ndarray:
     """Return shoulders that move ahead as the right arm is flexed (n, 3) [m]."""
     share = np.clip(postures[:, INDEX["right_shoulder_flexion"]] / (np.pi / 2), 0, 1)
@@ -135,6 +159,11 @@ def take_of(postures: np.ndarray, slide: Slide) -> Take:
         name: Marker("trunk", (float(x), float(y), float(z)), 0.0)
         for name, (x, y, z) in corners.items()
     }
+    beyond = -body.lengths["upper_arm"]
+    worn |= {
+        f"{side}_aside": Marker(f"{side}_shoulder", (0.0, out, beyond), 0.0)
+        for side, out in zip(SIDES, (-1.0, 1.0), strict=True)
+    }
     paths = places_of_markers(body, pelvis, postures, worn)
     origin = paths.pop("o")
     axes = np.stack([paths.pop(axis) - origin for axis in "xyz"], axis=1)
@@ -145,6 +174,10 @@ def take_of(postures: np.ndarray, slide: Slide) -> Take:
     joints, arms = {}, {}
     for i, side in enumerate(SIDES):
         letter, inward = side[0].upper(), 1.0 if side == "right" else -1.0
+        elbow, aside = centres[f"{side}_elbow"], paths.pop(f"{side}_aside")
+        tilt = _tilted(aside - elbow, centres[f"{side}_wrist"] - elbow, slide.carrying)
+        for name in FOREARM:
+            paths[f"{letter}{name}"] = elbow + tilt.apply(paths[f"{letter}{name}"] - elbow)
         up, inside, ahead = slide.skin
         skin = slide.shape(elevation[:, i])[:, None] * [ahead, inward * inside, up]
         rise = ramp(elevation[:, i])[:, None] * [0.0, inward * slide.rise[1], slide.rise[0]]
@@ -154,8 +187,15 @@ def take_of(postures: np.ndarray, slide: Slide) -> Take:
         for name in (*ARM, "SHO"):
             paths[f"{letter}{name}"] = paths[f"{letter}{name}"] + rise
         paths[f"{letter}SHO"] = paths[f"{letter}SHO"] + skin
-        arms[side] = centres[f"{side}_elbow"] - centres[f"{side}_shoulder"]
+        arms[side] = elbow - centres[f"{side}_shoulder"]
         joints[side] = centres[f"{side}_shoulder"] + rise
     places = np.stack(list(paths.values()), axis=1)
     places += slide.noise * np.random.default_rng(slide.seed).standard_normal(places.shape)
     return Take(tuple(paths), places, elevation, joints, arms)
+
+
+def _tilted(aside: np.ndarray, fore: np.ndarray, angle: float) -> Rotation:
+    """Return the turns (n,) of forearms (n, 3) by an angle [deg] toward the elbows' axes (n, 3)."""
+    about = np.cross(fore, aside)
+    about /= np.linalg.norm(about, axis=1, keepdims=True)
+    return Rotation.from_rotvec(np.radians(angle) * about)

@@ -6,27 +6,36 @@ hanging arms and without any low arm. BIN is the lower end of 30 deg of true ele
 
 ``arm_error_deg.BIN``: angle between the upper arm that is read and the true one, root of the mean
 square, where the marker slides by 0, 45 / 35 and 60 / 50 mm (up / in at 120 deg), each with a joint
-that itself stays, or rises by 30 mm and moves in by 10. Controls: ``.below``, had the joint been
-below the marker by 47 mm; ``.fixed``, the centre of a sphere that is fixed to the trunk;
-``.known``, the true joint: what is left is due to the elbow, which with one marker is that of
-Plug-in Gait.
-``shoulder_error_deg.BIN``: the same without the error of the elbow: against the upper arm that is
-read from the true joint.
-``arm_half_deg.BIN``: mean half-angle of doubt. ``arm_covered``: share of the frames in which the
-shoulder's error is at most the half-angle and 1 deg, because the noise of the markers is not in it;
-``.none``: had the half-angle been 0.
-``judged.CLASS``: of takes on which nothing was tuned, in the worst bin; ``.half_deg`` is the mean
-half-angle of the worst bin, ``.covered`` that of all frames.
-``posture.BIN.error_deg``, ``posture.BIN.scored``: of the postures, where the marker slides by 45 /
-35 mm after 12 s of hanging arms, elbows at 90 deg; ``.below``: as above.
+that itself stays, or rises by 30 mm and moves in by 10. The made person's forearms have no carrying
+angle; ``.carrying_10``, ``.carrying_15``: with one of so many degrees.
+``.elbow_moves``: elbows bend from 3 to 90 deg and straighten again all the time, and are not kept.
+Controls: ``.below``, had the joint been below the marker by 47 mm; ``.fixed``, the centre of a
+sphere that is fixed to the trunk; ``.known``, the true joint: what is left is due to the elbow.
+``arm_covered.elbow_too``: share of the frames in which this error is at most the half-angle of
+doubt and 1 deg, because the noise of the markers is not in it; ``.none``: had the half-angle been
+0.
+``shoulder_error_deg.BIN``, ``arm_covered``: the same without the error of the elbow: against the
+upper arm that is read from the true joint. ``arm_half_deg.BIN``: mean half-angle. These three with
+a carrying angle of 10 deg.
+``judged.CLASS``: of takes on which nothing was tuned but the width of the doubt in ``shrugs``, in
+the worst bin; ``.half_deg`` is the mean half-angle of the worst bin, ``.covered`` that of all
+frames.
+``arm_bins.BIN``: share of the frames whose interval of the upper arm's score is at most one point
+wide, as read by `ergoqp.mocap.fit_postures`; ``arm_bins_ratio``: of the bins, the smallest over the
+largest. ``upper_arm_covered``: share of the frames with the true score inside; ``.direction``: had
+the true upper arm been rotated about its own length as is read. A narrow interval that does not
+hold is worth nothing, so both belong together. ``posture.BIN.error_deg``: of the upper arms of
+these postures. Kinds and ``.below`` as above.
 ``real.FILE.SIDE``: real takes. Per bin of read elevation, the median length of the upper arm and
 from neck to shoulder; the figure is the range of these medians [mm]; ``.below``: as above.
+``.arm_bins.BIN``: as above, by read elevation: what is true is not known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Final
 from unittest.mock import patch
@@ -36,24 +45,29 @@ import numpy as np
 from benchmarks.made_arms import (
     Slide,
     Take,
+    bending,
     busy,
     one_arm,
     raised,
     reaching,
     shrugging,
+    slowly,
     take_of,
 )
 from benchmarks.made_motions import BODY, RATE, SHOULDERS
 from benchmarks.report import Report, run
+from ergoqp import reba
 from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
-from ergoqp.joints import SIDES
-from ergoqp.mocap import fit_postures
+from ergoqp.joints import INDEX, SIDES
+from ergoqp.mocap import Recording, fit_postures, load_recording
 from ergoqp.mocap.joints import Found, ReadOptions, joints_of
-from ergoqp.mocap.markers.joints import Widths, centres_of_landmarks
+from ergoqp.mocap.markers.bones import Widths
+from ergoqp.mocap.markers.joints import centres_of_landmarks
 from ergoqp.mocap.naming import best_set, centres_of
 from ergoqp.mocap.readers import read_motion
 from ergoqp.mocap.recording import JointMotion
+from ergoqp.sheets.description import elevation_of
 
 SHARED: Final = Path(__file__).resolve().parents[2] / "shared"
 BINS: Final = (0, 30, 60, 90, 120, 150)
@@ -64,8 +78,12 @@ RISE: Final = ((0.0, 0.0), (0.030, 0.010))
 TUNED: Final = [Slide(skin, rise) for skin in SKIN for rise in RISE]
 SLID: Final = [each for each in TUNED if each.skin[0]]
 """Those of which the classes that are judged are made."""
-LONG: Final = 720
-"""Frames of hanging arms by which the usual length of an upper arm is known well."""
+CARRYING: Final = (0.0, 10.0, 15.0)
+"""Carrying angles; for 10 deg the rule of Plug-in Gait is exact [deg]."""
+ADULT: Final = 10.0
+"""That of adults: 10 to 15 deg [deg]."""
+ELBOWS: Final = (3.0, 20.0, 90.0)
+"""Bends of the elbows, which are kept [deg]."""
 SAMPLE: Final = ("raised sideways", "forward, and out over the side", "around")
 """Movements of the smaller sample."""
 SIZE: Final = (0.28, 0.15)
@@ -106,6 +124,7 @@ JUDGED: Final[dict[str, tuple[list[Slide], Callable[[np.ndarray], np.ndarray]]]]
     "one_arm": (SLID, one_arm),
     "bends_and_walks": (SLID, busy),
     "shrugs": (_with(girdle=shrugging), _same),
+    "shrugs_slowly": (_with(girdle=slowly), _same),
     "shrugs_no_slide": ([Slide(girdle=shrugging)], _same),
     "reaches": (_with(girdle=reaching), _same),
     "reaches_no_slide": ([Slide(girdle=reaching)], _same),
@@ -187,26 +206,44 @@ def _fixed(at: dict[str, np.ndarray], centres: dict[str, np.ndarray], side: str)
 
 def made(report: Report) -> None:
     """Print the figures of the takes by which the fit was tuned."""
-    every = pooled(TUNED, (3.0, 20.0, 90.0), report.pick(SAMPLE, tuple(SHOULDERS)))
-    for name, against in (("arm_error_deg", "true"), ("shoulder_error_deg", "joint")):
-        for control in ("", ".below", ".fixed", ".known"):
-            if against + control == "joint.known":
-                continue
+    names = report.pick(SAMPLE, tuple(SHOULDERS))
+    for carrying in CARRYING:
+        slides = [replace(each, carrying=carrying) for each in report.pick(TUNED[3:4], TUNED)]
+        for kind, elbows in (("", ELBOWS), (".elbow_moves", (None,))):
+            every, kind = pooled(slides, elbows, names), kind + _kind(carrying)
             for low, rows in bins(every):
-                report.figure(f"{name}.{low}{control}", _rms(every[against + control][rows]))
+                for control in ("", ".below", ".fixed", ".known"):
+                    error = _rms(every[f"true{control}"][rows])
+                    report.figure(f"arm_error_deg.{low}{kind}{control}", error)
+            for name in ("", ".none"):
+                half = 0 * every["half"] if name else every["half"]
+                report.figure(f"arm_covered.elbow_too{kind}{name}", _covered(every["true"], half))
+            if carrying == ADULT and not kind.startswith(".elbow"):
+                _of_shoulders(report, every)
+
+
+def _of_shoulders(report: Report, every: Errors) -> None:
+    """Print the figures of `made` that do not depend on the elbow."""
     for low, rows in bins(every):
+        for control in ("", ".below", ".fixed"):
+            report.figure(
+                f"shoulder_error_deg.{low}{control}", _rms(every[f"joint{control}"][rows])
+            )
         report.figure(f"arm_half_deg.{low}", every["half"][rows].mean())
     report.figure("arm_covered", _covered(every["joint"], every["half"]))
     report.figure("arm_covered.none", _covered(every["joint"], 0 * every["half"]))
-    report.figure("arm_covered.elbow_too", _covered(every["true"], every["half"]))
+
+
+def _kind(carrying: float) -> str:
+    return f".carrying_{carrying:.0f}" if carrying else ""
 
 
 def judged(report: Report) -> None:
     """Print the figures of takes on which nothing was tuned."""
-    elbows = report.pick((20.0,), (3.0, 20.0, 90.0))
+    elbows = report.pick((20.0,), ELBOWS)
     names = report.pick(SAMPLE, tuple(SHOULDERS))
     for name, (slides, change) in JUDGED.items():
-        every = pooled(report.pick(slides[:2], slides), elbows, names, change)
+        every = pooled(report.pick(slides[:1], slides), elbows, names, change)
         for control in ("", ".below", ".fixed"):
             worst = max(_rms(every[f"joint{control}"][rows]) for _, rows in bins(every))
             report.figure(f"judged.{name}{control}", worst)
@@ -215,46 +252,96 @@ def judged(report: Report) -> None:
         report.figure(f"judged.{name}.covered", _covered(every["joint"], every["half"]))
 
 
-def postures(report: Report) -> None:
-    """Print how postures are read, and how many are scored."""
-    read_as("", report)
+def scores(report: Report) -> None:
+    """Print the intervals of the upper arms' scores, and how far off postures are."""
+    for carrying in report.pick((ADULT,), CARRYING):
+        read_as("", report, carrying)
     with patch("ergoqp.mocap.markers.joints._sliding", lambda *_: {}):
-        read_as(".below", report)
+        read_as(".below", report, ADULT)
 
 
-def read_as(control: str, report: Report) -> None:
-    """Print the figures of `postures`, under the name of a control."""
+def read_as(control: str, report: Report, carrying: float) -> None:
+    """Print the figures of `scores`, under the name of a control."""
     found: list[np.ndarray] = []
-    for name in report.pick(SAMPLE, tuple(SHOULDERS)):
-        truth = raised(name, 90.0, hang=True, still=LONG)
-        take = take_of(truth, Slide(SKIN[1]))
-        read = fit_postures(take.names, take.places, RATE, neutral="vertical")
-        pelvis = np.zeros((len(truth), 4))
-        right, ours = (centres_of(BODY, pelvis, each) for each in (truth, read.postures))
-        for i, side in enumerate(SIDES):
-            off = _between(_arm(ours, side), _arm(right, side))
-            found.append(np.stack([off, read.scored, take.elevation[:, i]]))
-    off, scored, elevation = np.concatenate(found, axis=1)
-    for low, rows in bins({"elevation": elevation}):
-        report.figure(f"posture.{low}.error_deg{control}", _rms(off[rows]))
-        report.figure(f"posture.{low}.scored{control}", scored[rows].mean())
+    slides = [replace(each, carrying=carrying) for each in report.pick(SLID[:1], TUNED)]
+    elbows = report.pick((3.0, 90.0), ELBOWS)
+    for slide, elbow, hang in product(slides, (*elbows, None), (True, False)):
+        for name in report.pick(SAMPLE, tuple(SHOULDERS)):
+            truth = _raised(name, elbow, hang=hang)
+            take = take_of(truth, slide)
+            read = fit_postures(take.names, take.places, RATE, neutral="vertical")
+            found += list(_scored(read, truth, take, np.nan if elbow is None else elbow))
+    off, elevation, low, score, points, high, elbow, shown = np.concatenate(found, axis=1)
+    narrow, holds = (high - low <= 1) & (shown > 0), (low <= score) & (score <= high)
+    direction = (low <= points) & (points <= high)
+    kind = _kind(carrying) + control
+    shares: list[float] = []
+    for lower, rows in bins({"elevation": elevation}):
+        shares.append(float(narrow[rows].mean()))
+        report.figure(f"arm_bins.{lower}{kind}", shares[-1])
+        report.figure(f"arm_bins.{lower}.covered{kind}", holds[rows].mean())
+        report.figure(f"posture.{lower}.error_deg{kind}", _rms(off[rows]))
+    report.figure(f"arm_bins_ratio{kind}", min(shares) / max(shares))
+    report.figure(f"upper_arm_covered{kind}", holds.mean())
+    report.figure(f"upper_arm_covered.direction{kind}", direction.mean())
+    for bend in (*elbows, None):
+        rows = np.isnan(elbow) if bend is None else elbow == bend
+        own = bins({"elevation": np.where(rows, elevation, np.nan)})
+        each = [float(narrow[its].mean()) for _, its in own]
+        name = "elbow_moves" if bend is None else f"elbow_{bend:.0f}"
+        report.figure(f"arm_bins_ratio.{name}{kind}", min(each) / max(each))
+        report.figure(f"upper_arm_covered.{name}{kind}", holds[rows].mean())
+
+
+def _scored(read: Recording, truth: np.ndarray, take: Take, elbow: float) -> Iterator[np.ndarray]:
+    """Return of each side what `read_as` needs of the frames (8, n).
+
+    The error and the elevation [deg]; of the score the lower end, the true one, the true one with
+    the rotation that is read, and the upper end; the bend [deg]; whether the frame is scored.
+    """
+    right, ours = (centres_of(BODY, np.zeros((len(truth), 4)), p) for p in (truth, read.postures))
+    found = reba.assess(read.postures, low=read.low, high=read.high)
+    turned = truth.copy()
+    turns = [INDEX[f"{side}_shoulder_rotation"] for side in SIDES]
+    turned[:, turns] = read.postures[:, turns]
+    scored, points = (reba.assess(each).segments for each in (truth, turned))
+    for i, side in enumerate(SIDES):
+        arm = f"{side}_upper_arm"
+        yield np.stack(
+            [
+                _between(_arm(ours, side), _arm(right, side)),
+                take.elevation[:, i],
+                found.segments_low[arm],
+                scored[arm],
+                points[arm],
+                found.segments_high[arm],
+                np.full(len(truth), elbow),
+                read.scored,
+            ]
+        )
 
 
 def pooled(
     slides: list[Slide],
-    elbows: tuple[float, ...],
+    elbows: tuple[float | None, ...],
     names: tuple[str, ...],
     change: Callable[[np.ndarray], np.ndarray] = _same,
 ) -> Errors:
     """Return the errors of some movements, after hanging arms and without any low arm."""
     found = [
-        errors(take_of(change(raised(name, elbow, hang=hang)), slide))
+        errors(take_of(change(_raised(name, elbow, hang=hang)), slide))
         for slide in slides
         for name in names
         for elbow in elbows
         for hang in (True, False)
     ]
     return {key: np.concatenate([each[key] for each in found]) for key in found[0]}
+
+
+def _raised(name: str, elbow: float | None, *, hang: bool) -> np.ndarray:
+    """Return the postures of a movement with elbows bent by an angle [deg]; None: they move."""
+    found = raised(name, elbow or 0.0, hang=hang)
+    return bending(found) if elbow is None else found
 
 
 def bins(every: Errors) -> list[tuple[int, np.ndarray]]:
@@ -276,6 +363,25 @@ def real(report: Report) -> None:
             continue
         for side in SIDES if found.doubts else ():
             _bones(report, path.stem, side, found)
+    path = SHARED / "recording_faults" / "btk_shd01.c3d"
+    if path.is_file():
+        _intervals(report, path, "")
+        with patch("ergoqp.mocap.markers.joints._sliding", lambda *_: {}):
+            _intervals(report, path, ".below")
+
+
+def _intervals(report: Report, path: Path, control: str) -> None:
+    """Print the share of narrow intervals of the scores of a real take's upper arms by bins."""
+    read = load_recording(path)
+    found, elevation = (
+        reba.assess(read.postures, low=read.low, high=read.high),
+        np.degrees(elevation_of(read.postures)[0]),
+    )
+    for i, side in enumerate(SIDES):
+        arm = f"{side}_upper_arm"
+        narrow = (found.segments_high[arm] - found.segments_low[arm] <= 1) & read.scored
+        for low, rows in bins({"elevation": elevation[:, i]}):
+            report.figure(f"real.{path.stem}.{side}.arm_bins.{low}{control}", narrow[rows].mean())
 
 
 def _bones(report: Report, name: str, side: str, found: Found) -> None:
@@ -333,7 +439,7 @@ def measure(report: Report) -> None:
     """Print every figure."""
     made(report)
     judged(report)
-    postures(report)
+    scores(report)
     real(report)
 
 

@@ -165,6 +165,49 @@ def test_a_doubtful_arm_points_within_its_cone() -> None:
     assert high[0, flexion] == pytest.approx(UPPER[flexion], abs=1e-6)
 
 
+def aside_for(seconds: float, flexion: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the right arm's flexion [deg], which points straight sideways around the middle."""
+    away = np.abs(TIME - TIME.mean()) - seconds / 2
+    aside = 90 - np.clip(200 * away, 0, 40)
+    postures = posture(COUNT, right_shoulder_flexion=flexion, right_shoulder_abduction=aside)
+    off = np.full(COUNT, np.radians(4.0))
+    doubt = Doubt(arms={"right_upper_arm": off})
+    low, high = ends_of(postures, np.ones_like(postures, dtype=bool), doubt=doubt)
+    joint = INDEX["right_shoulder_flexion"]
+    return np.degrees(low[:, joint]), np.degrees(high[:, joint])
+
+
+def test_an_arm_that_passes_straight_sideways_has_the_flexion_of_before_and_after() -> None:
+    flexion = 10 + 8 * (TIME - TIME.mean())
+    near = np.abs(TIME - TIME.mean()) < 0.2
+    low, high = aside_for(0.3, flexion)
+    assert (low <= flexion).all()
+    assert (flexion <= high).all()
+    # Where its direction shows it, 20 deg are the most.
+    assert (high - flexion)[near].min() > 12
+    assert (high - flexion)[near].max() < 21
+    assert (flexion - low)[near].min() > 12
+    assert (flexion - low)[near].max() < 21
+    # What is read there is inside, even if it is unlike before and after, on either side.
+    for size in (70.0, -50.0):
+        odd = flexion + size * near
+        low, high = aside_for(0.3, odd)
+        assert (low <= odd + 1e-6).all()
+        assert (odd <= high + 1e-6).all()
+        assert (low <= flexion).all()
+        assert (flexion <= high).all()
+        wide = (high - low)[near]
+        assert wide.max() < abs(size) + 21
+
+
+def test_an_arm_that_stays_sideways_has_any_flexion() -> None:
+    joint = INDEX["right_shoulder_flexion"]
+    for seconds in (3.0, 12.0):
+        low, high = aside_for(seconds, 10.0)
+        assert low[COUNT // 2] == pytest.approx(np.degrees(LOWER[joint]))
+        assert high[COUNT // 2] == pytest.approx(np.degrees(UPPER[joint]))
+
+
 def scores(recording: Recording) -> reba.Assessment:
     return reba.assess(recording.postures, low=recording.low, high=recording.high)
 

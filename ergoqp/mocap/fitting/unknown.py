@@ -35,6 +35,8 @@ _HOLE: Final = 0.05
 """Time from a frame that is seen up to which an interpolated angle is as good [s]."""
 _FREE: Final = 0.25
 """Time in which an angle may move through its whole range if its movements are not measured [s]."""
+_ASIDE: Final = np.radians(20.0)
+"""Change of an arm's flexion above which its direction hardly shows it."""
 _SAMPLE: Final = 4000
 """Number of movements that are measured, about."""
 
@@ -74,7 +76,7 @@ def spans_of(
         doubt: how far those that are seen may be off.
     """
     found: Spans = {}
-    changes = {} if doubt is None else _changes(postures, doubt)
+    changes = {} if doubt is None else _changes(postures, doubt, time)
     others = () if doubt is None else doubt.others
     hands = _turned_hands(postures, observed)
     for joint in range(len(JOINTS)):
@@ -236,7 +238,7 @@ def _moves(
     return np.maximum.accumulate(alone).tolist(), np.maximum.accumulate(across).tolist()
 
 
-def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, Ends]:
+def _changes(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int, Ends]:
     """Return by how much angles may be off: joint -> lowest and highest change (n,) [rad]."""
     found, count = {}, len(postures)
     if doubt.neck[0] < doubt.neck[1]:
@@ -255,9 +257,35 @@ def _changes(postures: np.ndarray, doubt: Doubt) -> dict[int, Ends]:
         # An arm that points straight to the side has no flexion, and a straight arm no rotation.
         swing = _about(off, np.cos(postures[:, abduction]))
         turn = _about(off, np.sin(postures[:, elbow]))
-        for joint, each in ((flexion, swing), (abduction, off), (rotation, turn), (elbow, off)):
+        found[flexion] = _passing(postures[:, flexion], swing, time)
+        for joint, each in ((abduction, off), (rotation, turn), (elbow, off)):
             found[joint] = (-each, each)
     return found
+
+
+def _passing(flexion: np.ndarray, swing: np.ndarray, time: np.ndarray) -> Ends:
+    """Return the lowest and highest change of an arm's flexion (n,) [rad].
+
+    An arm that passes straight sideways has any flexion there by its direction alone. It is between
+    those before and after, as the likeliest one is: nobody turns an arm about its own length by
+    half a turn and back within a second.
+
+    Args:
+        flexion: the likeliest one (n,) [rad].
+        swing: largest change by which the direction of the arm stays within its doubt (n,) [rad].
+        time: times of the frames (n,) [s].
+    """
+    low, high = -swing, swing.copy()
+    aside = swing > _ASIDE
+    known, rows = np.flatnonzero(~aside), np.flatnonzero(aside)
+    if not len(known):
+        return low, high
+    before, after = _neighbours(known, rows)
+    passes = (before < rows) & (rows < after) & (time[after] - time[before] < 2 * NEAR)
+    rows = rows[passes]
+    for end, each in ((low, flexion - swing), (high, flexion + swing)):
+        end[rows] = np.interp(time[rows], time[known], each[known]) - flexion[rows]
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
 def _about(off: np.ndarray, radius: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 The hips follow from the pelvis (Harrington et al. 2007). Knee, elbow and ankle lie half their width
 inside the outer marker, perpendicular to the bone above ("chord", Davis et al. 1991), or midway
-between the outer and the inner marker. The axis of the elbow follows from its bend, and that of the
-knee from the marker on the thigh.
+between the outer and the inner marker. The axis of the elbow follows from its bend, or where it is
+straight from the marker on the upper arm; that of the knee from the marker on the thigh.
 
 All lengths are in metres, and NaN means not seen. The vertical is not needed.
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -21,7 +21,17 @@ from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
-from ergoqp.mocap.fitting.posture import THUMB, either, unit
+from ergoqp.mocap.fitting.posture import either, unit
+from ergoqp.mocap.markers.arms import arm_of, axes_said, turn_to_axis
+from ergoqp.mocap.markers.bones import (
+    BENT,
+    Landmarks,
+    Widths,
+    across,
+    aside_of,
+    axis_of,
+    inside,
+)
 from ergoqp.mocap.markers.fit import AS_STATED, check_order
 from ergoqp.mocap.markers.rigid import Links, middle_of, pelvis_size, rigid_segments, usual_distance
 from ergoqp.mocap.markers.shoulders import (
@@ -34,79 +44,7 @@ from ergoqp.mocap.markers.shoulders import (
 from ergoqp.mocap.naming import CENTRES, RIGID
 from ergoqp.mocap.recording import JointMotion
 
-
-def inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
-    """Return the joint below a marker (n, 3), perpendicular to the bone from `origin` to it.
-
-    Args:
-        origin: start of the bone (n, 3).
-        marker: marker on the outside of the joint (n, 3).
-        aside: outward direction (n, 3).
-        by: distance of the joint inside the marker.
-    """
-    length = np.linalg.norm(marker - origin, axis=1, keepdims=True)
-    along = unit(marker - origin)
-    aside = unit(across(aside, along))
-    sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
-    cosine = np.sqrt(1 - sine**2)
-    return origin + length * cosine * (cosine * along - sine * aside)
-
-
-def across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return the components of vectors perpendicular to unit axes (n, 3)."""
-    return vectors - dot(vectors, axes) * axes
-
-
-def dot(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return the components of vectors along unit axes (n, 1)."""
-    return (vectors * axes).sum(axis=1, keepdims=True)
-
-
-_BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
-"""Sines of the bends up to which a limb does not show its axis, and from which it does fully."""
 _ROUNDS: Final = 5
-_OUTSIDE: Final = 0.01
-"""Least distance from a bone's line at which a marker shows the bone's rotation [m]."""
-
-
-@dataclass(frozen=True)
-class Widths:
-    """Distances of joints from their markers [m]; markers are 14 mm wide.
-
-    The defaults are adult averages. Measures in the recording replace them.
-
-    Attributes:
-        knee: half the knee's width and half a marker.
-        ankle: half the ankle's width and half a marker.
-        elbow: half the elbow's width and half a marker.
-        shoulder: from the acromion's marker down to the joint.
-        hand: half the hand's thickness and half a marker.
-    """
-
-    knee: float = 0.057
-    ankle: float = 0.043
-    elbow: float = 0.044
-    shoulder: float = 0.047
-    hand: float = 0.020
-
-    @classmethod
-    def of(cls, measures: Mapping[str, float]) -> Widths:
-        """Return the widths from the measures that Vicon's programs write into a file.
-
-        Args:
-            measures: name of a measure, in small letters -> its value [m].
-        """
-        half, found = 0.007, {}
-        for name in ("knee", "ankle", "elbow", "hand"):
-            what = "thickness" if name == "hand" else "width"
-            sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
-            if min(sides) > 0:
-                found[name] = 0.5 * float(np.mean(sides)) + half
-        sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
-        if min(sides) > 0:
-            found["shoulder"] = float(np.mean(sides)) + half
-        # Widths that cannot be those of a person are typing errors.
-        return cls(**{name: w for name, w in found.items() if 0.5 < w / getattr(cls, name) < 2.0})
 
 
 def centres_of_landmarks(
@@ -119,7 +57,7 @@ def centres_of_landmarks(
         widths: widths of the person.
         size: width between the ASIS and depth from them to the PSIS [m]; NaN if unknown.
     """
-    return centres_and_doubts(at, widths, size, {})[0]
+    return centres_and_doubts(at, widths, size, {}, turns_of(at, widths, size, {}))[0]
 
 
 def centres_and_doubts(
@@ -127,6 +65,7 @@ def centres_and_doubts(
     widths: Widths,
     size: tuple[float, float],
     sliding: Mapping[str, Sliding],
+    turns: Mapping[str, float],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the centres of `centres_of_landmarks`, and the doubts about the upper arms.
 
@@ -135,12 +74,13 @@ def centres_and_doubts(
         widths: as in `centres_of_landmarks`.
         size: as in `centres_of_landmarks`.
         sliding: side -> how the acromion's marker slides, where it may.
+        turns: side -> angle from the marker on the upper arm to the elbow's axis, as of `turns_of`.
 
     Returns:
         The centres, and for each side of `sliding` the half-angle by which the direction of the
         upper arm may be off (n,) [rad].
     """
-    place = _Landmarks(at)
+    place = Landmarks(at)
     level, hips = _hips(place, size)
     trunk, down, left = _trunk(place, hips)
     shoulders, doubts = _shoulders(place, down, left, widths, sliding)
@@ -149,7 +89,7 @@ def centres_and_doubts(
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
         shoulder = centres[f"{side}_shoulder"]
-        centres |= _arm(side, out, place, shoulder, (left, down), widths)
+        centres |= arm_of(side, out, place, shoulder, (left, down), widths, turns.get(side))
         centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}, doubts
@@ -169,17 +109,38 @@ def roots_of(
         size: as in `centres_of_landmarks`.
         sliding: as in `centres_and_doubts`.
     """
-    place = _Landmarks(at)
+    place = Landmarks(at)
     _, hips = _hips(place, size)
     _, down, left = _trunk(place, hips)
     return hips | _shoulders(place, down, left, widths, sliding)[0]
+
+
+def turns_of(
+    at: Mapping[str, np.ndarray],
+    widths: Widths,
+    size: tuple[float, float],
+    sliding: Mapping[str, Sliding],
+) -> dict[str, float]:
+    """Return side -> angle about the upper arm from its marker to the elbow's axis [rad].
+
+    Sides whose elbow is bent in too few frames are left out.
+
+    Args:
+        at: as in `centres_of_landmarks`.
+        widths: as in `centres_of_landmarks`.
+        size: as in `centres_of_landmarks`.
+        sliding: as in `centres_and_doubts`.
+    """
+    place, roots = Landmarks(at), roots_of(at, widths, size, sliding)
+    turns = {side: turn_to_axis(side, place, roots[f"{side}_shoulder"]) for side in SIDES}
+    return {side: turn for side, turn in turns.items() if turn is not None}
 
 
 def _sliding(
     at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
 ) -> dict[str, Sliding]:
     """Return side -> how its acromion's marker slides, by a sample of frames, where it may."""
-    place = _Landmarks(at)
+    place = Landmarks(at)
     _, hips = _hips(place, size)
     _, down, left = _trunk(place, hips)
     # The shoulders themselves are no place on the trunk.
@@ -196,18 +157,7 @@ def _sliding(
     return found
 
 
-class _Landmarks(dict[str, np.ndarray]):
-    """Landmarks; a missing one is NaN everywhere."""
-
-    def __missing__(self, name: str) -> np.ndarray:
-        return np.full_like(next(iter(self.values())), np.nan)
-
-    def middle(self, name: str) -> np.ndarray:
-        """Return the middle between both sides."""
-        return (self[f"right_{name}"] + self[f"left_{name}"]) / 2
-
-
-def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _hips(place: Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the left direction of the pelvis (n, 3), and the hip centres."""
     width, depth = size
     front = place.middle("asis")
@@ -222,7 +172,7 @@ def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dic
 
 
 def _trunk(
-    place: _Landmarks, hips: Mapping[str, np.ndarray]
+    place: Landmarks, hips: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Return the base of the neck, and the directions down and left of the trunk (n, 3)."""
     shoulders = place.middle("acromion")
@@ -237,13 +187,13 @@ def _trunk(
     return {"neck": neck}, down, left
 
 
-def _below(place: _Landmarks, down: np.ndarray, widths: Widths) -> list[np.ndarray]:
+def _below(place: Landmarks, down: np.ndarray, widths: Widths) -> list[np.ndarray]:
     """Return the right and the left shoulder below markers that do not slide (n, 3)."""
     return [place[f"{side}_acromion"] + widths.shoulder * down for side in SIDES]
 
 
 def _shoulders(
-    place: _Landmarks,
+    place: Landmarks,
     down: np.ndarray,
     left: np.ndarray,
     widths: Widths,
@@ -258,7 +208,7 @@ def _shoulders(
     return {f"{side}_shoulder": path for side, path in shoulders.items()}, doubts
 
 
-def _head(place: _Landmarks) -> dict[str, np.ndarray]:
+def _head(place: Landmarks) -> dict[str, np.ndarray]:
     """Return base and top of the head, and where the nose points."""
     front, back = place.middle("head_front"), place.middle("head_back")
     ahead = unit(front - back)
@@ -270,54 +220,19 @@ def _head(place: _Landmarks) -> dict[str, np.ndarray]:
     return {"head": base, "head_top": middle + 0.10 * up, "nose": base + 0.12 * ahead}
 
 
-def _arm(
-    side: str,
-    out: float,
-    place: _Landmarks,
-    shoulder: np.ndarray,
-    trunk: tuple[np.ndarray, np.ndarray],
-    widths: Widths,
-) -> dict[str, np.ndarray]:
-    left, down = trunk
-    pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
-    thumb, small = (place[name] for name in pair)
-    # If one of two is lost, the wrist is lost: the other is 3 cm from it in an unknown direction.
-    wrist = (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
-    outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
-    # The axis is perpendicular to upper arm and forearm. As in Plug-in Gait, the marker is used for
-    # it and not the joint below, which causes an error while the arm is nearly straight.
-    upper, fore = unit(outer - shoulder), unit(wrist - outer)
-    aside = _axis(-out * np.cross(upper, fore), _carried(out * left, down, upper), upper)
-    elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
-    # The marker of the hand is on its back.
-    radial = thumb - small
-    hand = place[f"{side}_hand"]
-    dorsal = unit(np.cross(hand - wrist, radial)) * -out
-    knuckles = hand - widths.hand * dorsal
-    along = unit(either(knuckles - wrist, wrist - elbow))
-    radial = unit(across(radial, along))
-    turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
-    return {
-        f"{side}_elbow": elbow,
-        f"{side}_wrist": wrist,
-        f"{side}_knuckles": either(knuckles, wrist + 0.08 * along),
-        f"{side}_thumb": wrist + 0.05 * turned,
-    }
-
-
 def _leg(
-    side: str, out: float, place: _Landmarks, hip: np.ndarray, left: np.ndarray, widths: Widths
+    side: str, out: float, place: Landmarks, hip: np.ndarray, left: np.ndarray, widths: Widths
 ) -> dict[str, np.ndarray]:
     knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
     # The shank bends backward.
     both = (ankle + place[f"{side}_inner_ankle"]) / 2
     bent, aside = _knee(hip, knee, (ankle, both), out * left, widths, out)
-    shown = _shown(hip, knee, place[f"{side}_thigh"])
+    shown = aside_of(hip, knee, place[f"{side}_thigh"])
     inner = place[f"{side}_inner_knee"]
     middle = either((knee + inner) / 2, inside(hip, knee, shown, widths.knee), bent)
     aside = either(shown, aside)
     aside = either(knee - middle, aside)
-    aside = either(_shown(middle, ankle, place[f"{side}_shank"]), aside)
+    aside = either(aside_of(middle, ankle, place[f"{side}_shank"]), aside)
     low = either(both, inside(middle, ankle, aside, widths.ankle))
     return {f"{side}_knee": middle, f"{side}_ankle": low, f"{side}_toe": place[f"{side}_forefoot"]}
 
@@ -348,39 +263,8 @@ def _knee(
         knee = inside(hip, marker, aside, widths.knee)
         end = either(ankle[1], inside(knee, ankle[0], aside, widths.ankle))
         thigh, shank = unit(knee - hip), unit(end - knee)
-        aside = _axis(out * np.cross(thigh, shank), usual, thigh)
+        aside = axis_of(out * np.cross(thigh, shank), usual, thigh, BENT)
     return knee, aside
-
-
-def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Return the outward direction (n, 3): from the bend, or the usual one while it is straight.
-
-    Args:
-        shown: cross product of both bones, whose length is the sine of the bend.
-        usual: usual outward direction.
-        along: direction of the bone.
-    """
-    size = np.linalg.norm(shown, axis=1, keepdims=True)
-    share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
-    usual = unit(across(usual, along))
-    both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
-    return either(unit(both), usual)
-
-
-def _carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Return the outward direction of a hanging bone after it is raised without axial rotation."""
-    below = np.maximum(1 + dot(down, along), 0.1)
-    raised = aside - dot(aside, along) / below * (down + along)
-    return either(raised, aside)
-
-
-def _shown(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Return the outward direction by a marker beside a bone (n, 3); NaN if it is too near."""
-    along = unit(end - origin)
-    away = beside - origin
-    away = across(away, along)
-    far = np.linalg.norm(away, axis=1, keepdims=True) > _OUTSIDE
-    return np.where(far, unit(away), np.nan)
 
 
 _BLOCK: Final = 8192
@@ -393,11 +277,6 @@ _SHOULDERS: Final = (0.22, 0.55)
 """Range of the distance between the acromions of a person [m]."""
 _ON_ITS_WAY: Final = 0.1
 """Time that a marker needs to move to a wrong place, and back [s]."""
-_BARE_ELBOW: Final = (
-    "An elbow with one marker is taken to bend about the axis that this marker shows, as in"
-    " Plug-in Gait: if the arm is bent by less than 25 deg, the elbow may be off by 12 deg and the"
-    " upper arm's rotation by 15 deg."
-)
 _UNITS: Final = (1.0, 0.01, 0.001, 0.0254)
 
 
@@ -450,6 +329,7 @@ def joints_of_markers(
         raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
     sliding = _sliding(sample, widths, size)
+    turns = turns_of(sample, widths, size, sliding)
     links = Links(roots_of(sample, widths, size, sliding) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
     around = round(_ON_ITS_WAY / step)
@@ -473,7 +353,7 @@ def joints_of_markers(
             if landmark in at:
                 _add(astray, landmark, start, away[inside])
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
-        found, doubtful = centres_and_doubts(at, widths, size, sliding)
+        found, doubtful = centres_and_doubts(at, widths, size, sliding, turns)
         for side, half in doubtful.items():
             doubts[side][start : start + _BLOCK] = half[inside]
         found |= {name: path for name, path in at.items() if name in CENTRES}
@@ -483,7 +363,7 @@ def joints_of_markers(
             centres[name][start : start + _BLOCK] = path[inside]
         progress(min((start + _BLOCK) / count, 1.0))
     bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
-    how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
+    how = [*_said(widths, filled, count), *axes_said(bare, sample, turns)]
     how += sliding_said(sliding, doubts)
     said = [*how, *astray_said(motion, astray), *said]
     return centres, said, astray, {f"{side}_upper_arm": half for side, half in doubts.items()}

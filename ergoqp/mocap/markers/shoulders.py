@@ -43,9 +43,10 @@ _LEAST: Final = 0.006
 """Largest slide that is taken as none [m]: 1.2 deg of an upper arm."""
 _SHARE: Final = (0.65, 0.35)
 """Mean and standard deviation of the share of the displacement that is slide, of each axis."""
-_DEVIATES: Final = (0.006, 0.1, 0.3)
+_DEVIATES: Final = (0.006, 0.1, 0.3, 2.0)
 """Standard deviation of the slide at a knot from that share: a constant [m], and shares of the
-displacement and of its own standard deviation."""
+displacement, of its own standard deviation, and of what the displacement leaves of the marker's
+movement above the noise: whoever shrugs does it a few times, which no average removes."""
 _OFFSET: Final = 0.005
 """Standard deviation of a coordinate of the offset [m]."""
 _RADIUS: Final = ((1.0, 0.03), (0.95, 0.05))
@@ -176,13 +177,14 @@ def sliding_of(arm: np.ndarray, marker: np.ndarray) -> Sliding | None:
     _, cell, count = np.unique(cells, return_inverse=True, return_counts=True)
     weight = 1 / np.maximum(count[cell], _FEW)
     shares = _shares(raised)
-    moves, error = _displacement(shares, marker, weight)
+    moves, error, rest = _displacement(shares, marker, weight)
 
     lowest = float(np.quantile(raised, 0.05))
     hangs = lowest <= _HANGING
     low = raised <= (_HANGING if hangs else np.quantile(raised, 1 / 3))
     radius, spread = np.array(_RADIUS[0 if hangs else 1]) * float(np.median(length[low]))
-    deviates = np.hypot(np.hypot(_DEVIATES[0], _DEVIATES[1] * moves), _DEVIATES[2] * error)
+    anyhow = _DEVIATES[0] + _DEVIATES[3] * (rest - _NOISE[0])
+    deviates = np.hypot(np.hypot(anyhow, _DEVIATES[1] * moves), _DEVIATES[2] * error)
     # Offset, share of each axis, deviation at each knot, and radius.
     prior = np.array([*3 * [0.0], *3 * [_SHARE[0]], *np.zeros(3 * _COUNT), radius])
     sure = np.array([*3 * [_OFFSET], *3 * [_SHARE[1]], *deviates.ravel(), spread]) ** -2
@@ -219,8 +221,10 @@ def _shares(elevation: np.ndarray) -> np.ndarray:
 
 def _displacement(
     shares: np.ndarray, marker: np.ndarray, weight: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Return a marker's mean displacement at each knot (k, 3) [m], and its error (k, 1) [m].
+
+    Last is how far the marker is from that displacement, root of the mean square [m].
 
     Where the take shows no elevation, the displacement changes as steeply as beside: it is zero for
     a hanging arm even if none hangs.
@@ -235,7 +239,7 @@ def _displacement(
         found, error = covariance @ weighted.T @ marker, np.sqrt(np.diag(covariance))[:, None]
         left = ((marker - terms @ found) ** 2).mean(axis=1)
         noise = max(_NOISE[0], float(np.sqrt(weight @ left / weight.sum())))
-    return found[1:], error[1:]
+    return found[1:], error[1:], noise
 
 
 def _slopes(shares: np.ndarray, moves: np.ndarray) -> np.ndarray:

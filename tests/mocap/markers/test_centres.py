@@ -12,10 +12,9 @@ from benchmarks.made_markers import markers_of, plug_in_gait
 from benchmarks.made_motions import BODY, posture
 from ergoqp.human.body import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.markers.bones import Widths, carried
 from ergoqp.mocap.markers.fit import places_of_markers
 from ergoqp.mocap.markers.joints import (
-    Widths,
-    _carried,
     centres_of_landmarks,
     roots_of,
 )
@@ -137,7 +136,7 @@ def test_the_outside_of_a_raised_arm_is_that_of_the_hanging_one(raised: int) -> 
     about = np.linspace(0, 2 * np.pi, 40)
     axis = turn.apply(np.stack([np.cos(about), np.sin(about), 0 * about], axis=1))
     lift = Rotation.from_rotvec(np.radians(raised) * axis)
-    found = _carried(aside, down, lift.apply(down))
+    found = carried(aside, down, lift.apply(down))
     np.testing.assert_allclose(found, lift.apply(aside), atol=1e-12)
 
 
@@ -145,9 +144,9 @@ def test_an_arm_straight_up_has_no_outside_at_infinity() -> None:
     down, aside = np.array([[0.0, 0.0, -1.0]]), np.array([[0.0, 1.0, 0.0]])
     for off in (0.0, 1e-9, 1e-3):
         up = np.array([[0.0, off, 1.0]]) / np.hypot(off, 1.0)
-        assert np.linalg.norm(_carried(aside, down, up)) < 1.5
+        assert np.linalg.norm(carried(aside, down, up)) < 1.5
     lost = np.full((1, 3), np.nan)
-    np.testing.assert_array_equal(_carried(aside, lost, up), aside)
+    np.testing.assert_array_equal(carried(aside, lost, up), aside)
 
 
 def test_the_sacrum_or_one_psis_stand_for_both() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.made_arms import ARM, Slide, Take, busy, one_arm, raised, take_of
+from benchmarks.made_arms import ARM, Slide, Take, busy, one_arm, raised, shrugging, take_of
 from benchmarks.made_motions import RATE
 from benchmarks.recording_arms import errors
 from ergoqp.joints import INDEX, SIDES
@@ -31,6 +31,7 @@ NONE = Slide()
 MUCH = Slide(skin=(0.045, 0.035, 0.0))
 MOST = Slide(skin=(0.090, 0.060, 0.0))
 WITH_THE_JOINT = Slide(skin=(0.045, 0.035, 0.0), rise=(0.03, 0.01))
+SHRUGGING = replace(MUCH, girdle=shrugging)
 RADIUS = 0.31
 
 
@@ -311,6 +312,14 @@ def test_the_doubt_grows_with_what_is_left() -> None:
     down = np.array([[0.0, -0.01, -1.0]])
     assert sliding.joint(one, RADIUS * down, axes)[1][0] == 0
     assert sliding.joint(one, 1.2 * RADIUS * down, axes)[1][0] > 0.1
+
+
+def test_shoulders_that_are_shrugged_widen_the_doubt() -> None:
+    postures = raised("across the chest", 90.0, hang=True)
+    calm, shrugs = (errors(take_of(postures, each)) for each in (MUCH, SHRUGGING))
+    high = calm["elevation"] > 75
+    assert shrugs["half"][high].mean() > calm["half"][high].mean() + 1
+    assert np.mean(shrugs["joint"] <= shrugs["half"] + 1) > 0.95
 
 
 def test_too_little_to_be_told() -> None:
