@@ -135,8 +135,8 @@ def _known_to(ends: NDArray[np.float64], joint: int) -> str:
     """Return in words what is known of an angle between two ends (2,) [rad]."""
     if ends[0] <= LOWER[joint] + TIE and ends[1] >= UPPER[joint] - TIE:
         return "not known"
-    low, high = np.degrees(ends)
-    return f"{low:.0f} to {high:.0f} deg"
+    low, high = (round(each) for each in np.degrees(ends).tolist())
+    return f"{low} to {high} deg"
 
 
 def _worse_side(segment: Segment, posture: NDArray[np.float64], ends: NDArray[np.float64]) -> str:
