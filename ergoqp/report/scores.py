@@ -41,7 +41,7 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.arguments import Progress, part_of, unseen
+from ergoqp.arguments import Progress, unseen
 from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.mocap import Recording
@@ -337,23 +337,26 @@ def write_angles(
     table, motion = folder / "angles.csv", folder / "angles.mot"
     head = ["time_s", "scored", *(f"{name}_deg" for name in _ANGLES)]
     head += [f"{centre}_error_mm" for centre in recording.errors]
-    with atomic_write(table) as scratch, scratch.open("w", encoding="utf-8") as file:
-        file.write(",".join(head) + "\n")
-        for rows in frames_of(len(recording.time), part_of(progress, 0.0, 0.5)):
+    size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
+    lines = ["ergoqp", "version=1", *size, "inDegrees=yes", "endheader", ""]
+    formats = ["%.6f", "%d", *["%.4f"] * len(_ANGLES), *["%.2f"] * len(recording.errors)]
+    with (
+        atomic_write(table) as table_scratch,
+        atomic_write(motion) as motion_scratch,
+        table_scratch.open("w", encoding="utf-8") as as_table,
+        motion_scratch.open("w", encoding="utf-8") as as_motion,
+    ):
+        as_table.write(",".join(head) + "\n")
+        as_motion.write("\n".join(lines) + "\t".join(["time", *_ANGLES]) + "\n")
+        for rows in frames_of(len(recording.time), progress):
+            time, degrees = recording.time[rows, None], _degrees(recording, rows)
+            values = np.hstack([time, degrees])
+            as_motion.write(_text(values, "\t".join(["%.6f", *["%.6f"] * len(_ANGLES)])))
+            np.copyto(degrees, np.nan, where=~_observed(recording, rows))
             scored = recording.scored[rows].astype(float)[:, None]
             errors = [1e3 * each[rows, None] for each in recording.errors.values()]
-            degrees = np.where(_observed(recording, rows), _degrees(recording, rows), np.nan)
-            values = np.hstack([recording.time[rows, None], scored, degrees, *errors])
-            formats = ["%.6f", "%d", *["%.4f"] * len(_ANGLES), *["%.2f"] * len(errors)]
-            lines = _text(values, ",".join(formats))
-            file.write(lines.replace("nan", ""))
-    with atomic_write(motion) as scratch, scratch.open("w", encoding="utf-8") as file:
-        size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
-        file.write("\n".join(["ergoqp", "version=1", *size, "inDegrees=yes", "endheader\n"]))
-        file.write("\t".join(["time", *_ANGLES]) + "\n")
-        for rows in frames_of(len(recording.time), part_of(progress, 0.5, 1.0)):
-            values = np.hstack([recording.time[rows, None], _degrees(recording, rows)])
-            file.write(_text(values, "\t".join(["%.6f", *["%.6f"] * len(_ANGLES)])))
+            values = np.hstack([time, scored, degrees, *errors])
+            as_table.write(_text(values, ",".join(formats)).replace("nan", ""))
     return table, motion
 
 
