@@ -64,26 +64,42 @@ def of_summary(summary: Mapping[str, Any], name: str, form: str = "g") -> str:
 
 
 def is_exact(summary: Mapping[str, Any]) -> bool:
-    """Return whether every scored frame of a summary has one score."""
+    """Return whether every scored frame of a summary has one score, so that no range is shown."""
     return summary["exact_frames"] == summary["valid_frames"]
 
 
 def shares_of(summary: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """Return the shares of time per action level of the lowest to highest scores, by their name."""
+    """Return the shares of time per action level of the lowest to highest scores, by their name.
+
+    Those of the likeliest scores are left out if they are those of the lowest, as in `around`.
+    """
     low, best, high = (summary[f"share{end}"] for end in ("_low", "", "_high"))
-    if low == high:
-        return {"exact": best}
+    if low == best == high:
+        return {"all": best}
     if best == low:
-        return {"lowest and likeliest": low, "highest": high}
+        return {"lowest": low, "highest": high}
     return {"lowest": low, "likeliest": best, "highest": high}
 
 
-def worst_in_words(worst: Mapping[str, Any]) -> str:
-    """Return the worst frame of a summary, and how many more have its score."""
+def worst_in_words(summary: Mapping[str, Any]) -> str:
+    """Return the worst frame of a summary, how many more have its score, and what others may."""
+    worst = summary["worst"]
     more = f" and {worst['others']} more" if worst["others"] else ""
     where = f"frame {worst['frame']} at {worst['time_s']:.2f} s{more}"
     score = around(worst["reba"], worst["reba_low"], worst["reba_high"])
-    return f"{where}: REBA {score}, {risk_between(worst['reba_low'], worst['reba_high'])}"
+    risk = risk_between(worst["reba_low"], worst["reba_high"])
+    return "; ".join([f"{where}: REBA {score}, {risk}", *others_may_reach(summary)])
+
+
+def others_may_reach(summary: Mapping[str, Any]) -> list[str]:
+    """Return in words what frames may reach that is above the worst one of a summary, or nothing.
+
+    The worst frame is that of the highest likeliest score, so another may reach more.
+    """
+    most = summary["max_high"]
+    if most <= summary["worst"]["reba_high"]:
+        return []
+    return [f"other frames may reach {most}, {palette.risk_of_score(most)}"]
 
 
 def segment_mean(segment: Mapping[str, Any], form: str) -> str:
@@ -117,7 +133,7 @@ def segments_table(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str
 
 
 def _fixed(segment: Mapping[str, Any]) -> bool:
-    """Return whether every score of a segment of a summary is exact."""
+    """Return whether every score of a segment of a summary has equal ends."""
     return segment["mean_low"] == segment["mean_high"]
 
 

@@ -22,6 +22,7 @@ from ergoqp.report.between import (
     is_exact,
     levels_between,
     of_summary,
+    others_may_reach,
     risk_between,
     segments_table,
     shares_of,
@@ -113,7 +114,13 @@ def _headlines(summary: dict[str, Any]) -> list[Headline]:
     likeliest = f", likeliest {words[1]} %" if words[1] not in (words[0], words[2]) else ""
     return [
         _headline("mean", mean, ".1f"),
-        _headline(f"worst, at {worst['time_s']:.1f} s", scores, "d"),
+        _headline(
+            f"worst, at {worst['time_s']:.1f} s",
+            scores,
+            "d",
+            others_may_reach(summary),
+            summary["max_high"],
+        ),
         Headline(
             "time at high risk or above",
             f"{between(words[0], words[2])} %",
@@ -123,18 +130,33 @@ def _headlines(summary: dict[str, Any]) -> list[Headline]:
     ]
 
 
-def _headline(label: str, scores: Sequence[float], form: str) -> Headline:
-    """Return lowest, likeliest and highest of a score, or of a mean of scores, as a headline."""
+def _headline(
+    label: str,
+    scores: Sequence[float],
+    form: str,
+    notes: Sequence[str] = (),
+    most: float = 0,
+) -> Headline:
+    """Return lowest, likeliest and highest of a score, or of a mean of scores, as a headline.
+
+    Args:
+        label: what it is.
+        scores: lowest, likeliest and highest.
+        form: how they are written.
+        notes: what is added to the words.
+        most: a higher score that the notes name.
+    """
     low, best, high = scores
     words = [format(each, form) for each in scores]
-    levels = levels_between(low, high)
-    risk = risk_between(round(low), round(high))
+    levels = levels_between(low, max(high, most))
+    risk = f"{risk_between(round(low), round(high))} risk"
     likeliest = f", likeliest {words[1]}" if low < best < high else ""
-    if len(levels) == 1:
-        return Headline(label, between(words[0], words[2]), levels[0], f"{risk} risk{likeliest}")
-    # No colour of one level: the score may be of another.
+    said = "; ".join([f"{risk}{likeliest}", *notes])
     value = between(words[0], words[2])
-    return Headline(label, value, -1, f"{risk} risk{likeliest}", levels=levels)
+    if len(levels) == 1:
+        return Headline(label, value, levels[0], said)
+    # No colour of one level: the score may be of another.
+    return Headline(label, value, -1, said, levels=levels)
 
 
 def _alarming(share: dict[str, float]) -> float:
@@ -148,8 +170,8 @@ def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
     ]
     if summary["worst"] is not None:
         if not is_exact(summary):
-            exact = f"{summary['exact_frames']} of {summary['valid_frames']} frames"
-            facts.append(("known exactly", exact))
+            single = f"{summary['exact_frames']} of {summary['valid_frames']} frames"
+            facts.append(("one score, no range", single))
         facts.append(("median", of_summary(summary, "median")))
         facts.append(("95th percentile", of_summary(summary, "p95")))
     facts.append(("stature", f"{summary['stature_m']:.2f} m"))
@@ -192,7 +214,7 @@ def _over_time(
 
     Args:
         movement: the scored movement.
-        most: segment -> highest score where it is not exact, else 0, shape (n,).
+        most: segment -> highest score where it has a range, else 0, shape (n,).
         summary: its summary.
     """
     worst = summary["worst"]
@@ -218,8 +240,8 @@ def _over_time(
     strips_words = "Segment scores, in the colours of the body."
     if open_:
         strips_words += (
-            " Grey: not seen. A thin line below: the score is not exact, and its colour is that of"
-            " the highest that it may be."
+            " Grey: not seen. A thin line below: the score has a range, and the line has the colour"
+            " of its upper end."
         )
     return Section(
         "Score",
@@ -233,18 +255,18 @@ def _over_time(
 
 
 def _what_is_open(summary: dict[str, Any]) -> str:
-    """Return why scores have two ends, in words; empty if all are exact."""
+    """Return why scores have two ends, in words; empty if none has."""
     if is_exact(summary):
         return ""
-    scored, exact = summary["valid_frames"], summary["exact_frames"]
+    scored, single = summary["valid_frames"], summary["exact_frames"]
     words = (
-        f"In {exact} of {scored} scored frames the score is exact. In the others it is between two"
-        if exact
-        else "In every frame the score is between two"
+        f"{single} of {scored} scored frames have one score. The others have a range"
+        if single
+        else "Every scored frame has a range of scores"
     )
     words += (
-        " ends: the lowest and the highest score of all postures that agree with the recording. The"
-        " likeliest posture has joints that are never seen at zero."
+        ": from the lowest to the highest score of all postures that agree with the recording. In"
+        " the likeliest posture, joints that are never seen are at zero."
     )
     never, partly, doubtful = [], [], []
     for name, each in summary["segments"].items():
@@ -262,7 +284,7 @@ def _what_is_open(summary: dict[str, Any]) -> str:
     if partly:
         words += f" Seen in part, or for a part of the time: {', '.join(partly)}."
     if doubtful:
-        words += f" Seen, but not exact: {', '.join(doubtful)}."
+        words += f" Seen, but with a range: {', '.join(doubtful)}."
     return words
 
 
@@ -296,7 +318,7 @@ def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]
     if worst is None:
         causes = recording.causes(0) or assessment.reasons(0)
         return Section("Worst moment", "No frame could be scored.", sentences=causes)
-    words = worst_in_words(worst)
+    words = worst_in_words(summary)
     intro = f"{words[0].upper()}{words[1:]}."
     head, segments = segments_table(summary)
     return Section(

@@ -5,8 +5,9 @@
 - ``time_s``: time stamp [s];
 - ``reba_low``, ``reba``, ``reba_high``: final score 1 to 15 of the likeliest posture, and the
   lowest and highest over what is not seen or in doubt; 0 if the frame is not scored;
-- ``risk``: action level of ``reba`` in words, ``not scored`` for 0;
-- ``arm``: the arm with the higher score B, empty if not scored;
+- ``risk``: action levels of ``reba_low`` and ``reba_high`` in words, as ``low to high``, or one if
+  they are equal; ``not scored`` for 0;
+- ``arm``: the arm with the higher score B, empty if either may have it, or if not scored;
 - four columns per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score
   ``<segment>_low``, ``<segment>``, ``<segment>_high``, 0 if not scored, and
   ``<segment>_observed``, the share of the joints it reads that are observed, 0 to 1;
@@ -20,12 +21,14 @@
 programs.
 
 ``angles.csv`` has one row per frame: ``time_s``; ``scored`` 1 or 0; every joint of
-`ergoqp.joints.JOINTS` as ``<joint>_deg``; ``<side>_elevation_deg`` and
-``<side>_elevation_plane_deg`` of both upper arms (see `ergoqp.sheets.description`); and
+`ergoqp.joints.JOINTS` as ``<joint>_deg``, empty where it is not observed; ``<side>_elevation_deg``
+and ``<side>_elevation_plane_deg`` of both upper arms (see `ergoqp.sheets.description`), empty where
+flexion or abduction of that shoulder is not observed; and
 ``<centre>_error_mm``, the distance of the fitted body's joint centre from that of the
 recording, empty if it is not seen.
 
-``angles.mot`` has the same joints and elevations in degrees, in OpenSim's format for motions.
+``angles.mot`` has the same joints and elevations in degrees, in OpenSim's format for motions. It
+must have numbers, so angles that are not observed are those of the likeliest posture.
 """
 
 from __future__ import annotations
@@ -38,11 +41,12 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.arguments import Progress, part_of, unseen
+from ergoqp.arguments import Progress, unseen
 from ergoqp.files.atomic import atomic_write, write_json
-from ergoqp.joints import JOINTS, SIDES
+from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.mocap import Recording
 from ergoqp.report import palette
+from ergoqp.report.between import risk_between
 from ergoqp.report.seen import blocks, frames_of, observed_shares
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import elevation_of
@@ -85,9 +89,13 @@ def write_scores(
 
 
 _RISKS: Final = np.array(
-    [palette.risk_of_level(level) for level in (*range(len(reba.ACTION_LEVELS)), -1)], dtype=object
+    [
+        [risk_between(low, high) for high in (0, *palette.LEVEL_STARTS)]
+        for low in (0, *palette.LEVEL_STARTS)
+    ],
+    dtype=object,
 )
-"""Words of the action levels; the last are those of -1."""
+"""Words of the action levels of the lowest and the highest score, by level + 1; 0: not scored."""
 
 
 def _columns(recording: Recording, rows: slice, part: Assessment) -> list[list[Any]]:
@@ -95,8 +103,9 @@ def _columns(recording: Recording, rows: slice, part: Assessment) -> list[list[A
     valid = part.valid
     columns: list[list[Any]] = [[f"{each:.6f}" for each in recording.time[rows].tolist()]]
     columns += [(end * valid).tolist() for end in (part.final_low, part.final, part.final_high)]
-    columns.append(_RISKS[part.band].tolist())
-    columns.append(np.where(valid, part.arm, "").tolist())
+    low, high = (palette.level_of_score(e * valid) for e in (part.final_low, part.final_high))
+    columns.append(_RISKS[low + 1, high + 1].tolist())
+    columns.append(np.where(valid & part.arm_known, part.arm, "").tolist())
     shares = observed_shares(recording, rows, part)
     for name in palette.SEGMENTS:
         ends = (part.segments_low, part.segments, part.segments_high)
@@ -143,10 +152,11 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     of the lowest and of the highest scores; ``share`` {action level: share of the valid frames},
     ``share_low`` and ``share_high``, the same of the lowest and highest scores; ``worst``
     {``frame``, ``time_s``, ``reba``, ``reba_low``, ``reba_high``, ``risk``, ``arm``, ``reasons``,
-    ``others``} or null: the worst frame, see `Assessment.worst`, and how many others have its
-    score; ``segments`` {segment: {``mean``, ``mean_low``, ``mean_high``, ``max``, ``max_low``,
+    ``others``} or null: the frame with the highest likeliest score, see `Assessment.worst`, and how
+    many others have that score; ``risk`` and ``arm`` as in ``scores.csv``; ``segments`` {segment:
+    {``mean``, ``mean_low``, ``mean_high``, ``max``, ``max_low``,
     ``max_high``, ``share`` {score: share of the valid frames}, ``usual`` {``low``, ``high``,
-    ``share``} or null: the lowest and highest score that are most often together, and how often,
+    ``share``} or null: the most frequent pair of lowest and highest score, and how often it is,
     ``observed``: share of the joints that it reads which are observed, mean over the valid
     frames}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``, ``max``}
     (null when unknown), ``centre_error_mm`` {centre: the same}; ``markers`` {marker: {``frame`` of
@@ -225,8 +235,8 @@ def _worst(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "reba": int(assessment.final[i]),
         "reba_low": int(assessment.final_low[i]),
         "reba_high": int(assessment.final_high[i]),
-        "risk": palette.risk_of_level(int(assessment.band[i])),
-        "arm": str(assessment.arm[i]),
+        "risk": risk_between(int(assessment.final_low[i]), int(assessment.final_high[i])),
+        "arm": str(assessment.arm[i]) if assessment.arm_known[i] else "",
         "reasons": assessment.reasons(i),
         "others": int(np.sum(assessment.final == assessment.final[i])) - 1,
     }
@@ -327,24 +337,26 @@ def write_angles(
     table, motion = folder / "angles.csv", folder / "angles.mot"
     head = ["time_s", "scored", *(f"{name}_deg" for name in _ANGLES)]
     head += [f"{centre}_error_mm" for centre in recording.errors]
-    with atomic_write(table) as scratch, scratch.open("w", encoding="utf-8") as file:
-        file.write(",".join(head) + "\n")
-        for rows in frames_of(len(recording.time), part_of(progress, 0.0, 0.5)):
+    size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
+    lines = ["ergoqp", "version=1", *size, "inDegrees=yes", "endheader", ""]
+    formats = ["%.6f", "%d", *["%.4f"] * len(_ANGLES), *["%.2f"] * len(recording.errors)]
+    with (
+        atomic_write(table) as table_scratch,
+        atomic_write(motion) as motion_scratch,
+        table_scratch.open("w", encoding="utf-8") as as_table,
+        motion_scratch.open("w", encoding="utf-8") as as_motion,
+    ):
+        as_table.write(",".join(head) + "\n")
+        as_motion.write("\n".join(lines) + "\t".join(["time", *_ANGLES]) + "\n")
+        for rows in frames_of(len(recording.time), progress):
+            time, degrees = recording.time[rows, None], _degrees(recording, rows)
+            values = np.hstack([time, degrees])
+            as_motion.write(_text(values, "\t".join(["%.6f", *["%.6f"] * len(_ANGLES)])))
+            np.copyto(degrees, np.nan, where=~_observed(recording, rows))
             scored = recording.scored[rows].astype(float)[:, None]
             errors = [1e3 * each[rows, None] for each in recording.errors.values()]
-            values = np.hstack(
-                [recording.time[rows, None], scored, _degrees(recording, rows), *errors]
-            )
-            formats = ["%.6f", "%d", *["%.4f"] * len(_ANGLES), *["%.2f"] * len(errors)]
-            lines = _text(values, ",".join(formats))
-            file.write(lines.replace("nan", ""))
-    with atomic_write(motion) as scratch, scratch.open("w", encoding="utf-8") as file:
-        size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
-        file.write("\n".join(["ergoqp", "version=1", *size, "inDegrees=yes", "endheader\n"]))
-        file.write("\t".join(["time", *_ANGLES]) + "\n")
-        for rows in frames_of(len(recording.time), part_of(progress, 0.5, 1.0)):
-            values = np.hstack([recording.time[rows, None], _degrees(recording, rows)])
-            file.write(_text(values, "\t".join(["%.6f", *["%.6f"] * len(_ANGLES)])))
+            values = np.hstack([time, scored, degrees, *errors])
+            as_table.write(_text(values, ",".join(formats)).replace("nan", ""))
     return table, motion
 
 
@@ -352,6 +364,17 @@ def _degrees(recording: Recording, rows: slice) -> np.ndarray:
     """Return the columns of `_ANGLES` [deg]."""
     postures = recording.postures[rows]
     return np.degrees(np.hstack([postures, *elevation_of(postures)]))
+
+
+def _observed(recording: Recording, rows: slice) -> np.ndarray:
+    """Return whether the columns of `_ANGLES` are observed."""
+    observed = recording.observed[rows]
+    raised = [
+        observed[:, INDEX[f"{side}_shoulder_flexion"]]
+        & observed[:, INDEX[f"{side}_shoulder_abduction"]]
+        for side in SIDES
+    ]
+    return np.column_stack([observed, *raised, *raised])
 
 
 def _text(values: np.ndarray, line: str) -> str:

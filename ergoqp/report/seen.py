@@ -1,7 +1,7 @@
 """What a recording shows of each segment, block by block.
 
 A segment is seen in a frame if its main joint is observed (one of them, if the worse side counts).
-A segment whose score is exact without that needs no sensor: the legs of a seated person.
+A segment whose score is known without that needs no sensor: the legs of a seated person.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def shown_scores(
 
     Returns:
         Segment -> score of the likeliest posture (n,), 0 if the frame is not scored, -1 if the
-        segment is not seen; and segment -> highest score (n,) where it is not exact, else 0.
+        segment is not seen; and segment -> highest score (n,) where it has a range, else 0.
     """
     shown, most = (
         {name: np.zeros(len(assessment.final), dtype=np.int8) for name in names} for _ in range(2)

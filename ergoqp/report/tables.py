@@ -97,19 +97,21 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
     worst = summary["worst"]
     if worst is None:
         return _words_table(rows)
-    exact = is_exact(summary)
-    if not exact:
-        rows.append(("known exactly", f"{summary['exact_frames']} of {summary['valid_frames']}"))
+    if not is_exact(summary):
+        single = f"{summary['exact_frames']} of {summary['valid_frames']} frames"
+        rows.append(("one score, no range", single))
     reba = f"mean {of_summary(summary, 'mean', '.2f')}, median {of_summary(summary, 'median')}"
     reba += f", p95 {of_summary(summary, 'p95')}, max {of_summary(summary, 'max')}"
     rows.append(("REBA", reba))
-    for name, share in shares_of(summary).items():
+    ends = shares_of(summary)
+    for name, share in ends.items():
         shares = [f"{risk} {100 * each:.0f} %" for risk, each in share.items()]
-        rows.append(("time at risk" if exact else f"time, {name} scores", ", ".join(shares)))
+        by = f", {name} scores" if len(ends) > 1 else ""
+        rows.append((f"time at risk{by}", ", ".join(shares)))
     if summary["fit_error_mm"] is not None:
         error = summary["fit_error_mm"]
         rows.append(("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm"))
-    rows.append(("worst", worst_in_words(worst)))
+    rows.append(("worst", worst_in_words(summary)))
     head, segments = segments_table(summary)
     return Group(
         _words_table(rows),

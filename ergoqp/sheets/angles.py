@@ -15,8 +15,11 @@ from ergoqp.sheets.description import TIE
 _DECIMALS: Final = 4
 """Decimals [deg] to which 32-bit numbers are read; they may be off by 0.00002 deg."""
 
+_SAME: Final = 2e-6
+"""An end that is nearer to the posture is the posture: one may be a 32-bit number [rad]."""
 
-def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
+
+def read_postures(postures: ArrayLike, name: str = "postures") -> NDArray[np.float64]:
     """Return postures as a read-only array of shape (n, 32) [rad] that no other code can write to.
 
     32-bit numbers are rounded to the nearest 0.0001 deg, so that 60 deg are 60 deg.
@@ -26,6 +29,7 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
 
     Args:
         postures: shape (n, 32) or (32,).
+        name: what messages call them.
 
     Raises:
         InputError: if they are not numbers of that shape.
@@ -36,13 +40,13 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
             rows = np.radians(np.round(np.degrees(rows), _DECIMALS))
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad"
+            f"{name}: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad"
         ) from None
     if rows.shape == (len(JOINTS),):
         rows = rows[np.newaxis]
     if rows.ndim != 2 or rows.shape[1] != len(JOINTS):
         raise InputError(
-            f"postures: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order"
+            f"{name}: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order"
             " of JOINTS"
         )
     rows.setflags(write=False)
@@ -57,6 +61,8 @@ those of an hour are 220 MB."""
 def read_ends(postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayLike | None) -> Ends:
     """Return the lower and upper ends of joint angles (n, 32) [rad].
 
+    An end within 2e-6 rad of the posture is the posture.
+
     Args:
         postures: from `read_postures`.
         low: shape (n, 32) or (32,) [rad]; NaN: the angle is unknown. None: the postures.
@@ -67,7 +73,7 @@ def read_ends(postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayL
     """
     given = {}
     for name, end in (("low", low), ("high", high)):
-        given[name] = postures if end is None else read_postures(end)
+        given[name] = postures if end is None else read_postures(end, name)
         if given[name].shape != postures.shape:
             raise InputError(
                 f"{name}: got shape {given[name].shape}, allowed: that of postures,"
@@ -75,7 +81,11 @@ def read_ends(postures: NDArray[np.float64], low: ArrayLike | None, high: ArrayL
             )
 
     def ends(rows: slice) -> NDArray[np.float64]:
-        likeliest, below, above = postures[rows], given["low"][rows], given["high"][rows]
+        likeliest = postures[rows]
+        below, above = (
+            np.where(np.abs(end[rows] - likeliest) <= _SAME, likeliest, end[rows])
+            for end in given.values()
+        )
         # A known angle may be beyond the range of its joint.
         return np.stack(
             [
@@ -102,7 +112,7 @@ def check_ends(postures: NDArray[np.float64], ends: NDArray[np.float64], first_r
     wrong = (low > high + TIE) | (postures < low - TIE) | (postures > high + TIE)
     if wrong.any():
         row, joint = (int(each[0]) for each in np.nonzero(wrong))
-        got = ", ".join(f"{each[row, joint]:g}" for each in (low, postures, high))
+        got = ", ".join(f"{each[row, joint]:.7g}" for each in (low, postures, high))
         raise InputError(
             f"low, high: row {first_row + row}, {JOINTS[joint]}: got low, posture and high of"
             f" {got} rad, allowed: ascending"
@@ -120,12 +130,15 @@ def _is_final(postures: ArrayLike) -> TypeGuard[NDArray[np.float64]]:
     )
 
 
-def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool_]:
+def check_angles(
+    angles: NDArray[np.float64], first_row: int, name: str = "postures"
+) -> NDArray[np.bool_]:
     """Return which postures of a block have no NaN, shape (n,).
 
     Args:
         angles: shape (32, n), one row per joint [rad].
         first_row: number of the block's first posture, for the message.
+        name: what the message calls them.
 
     Raises:
         InputError: if an angle is beyond +-180 deg or infinite.
@@ -139,7 +152,7 @@ def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool
         row = int(np.argmax(beyond.any(axis=0)))
         joint = int(np.argmax(beyond[:, row]))
         raise InputError(
-            f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad,"
+            f"{name}: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad,"
             " allowed: -pi to pi (degrees given as radians?)"
         )
     return np.logical_not(np.isnan(angles).any(axis=0))

@@ -169,8 +169,9 @@ class Assessment:
         method: how the sheet was read.
         final: REBA score (n,), 1 to 15, and 0 when invalid; int [points].
         final_low: lowest score of all postures between `low` and `high` (n,); int [points]. It is
-            given for an invalid posture, too, if there are such ends.
-        final_high: highest score of them (n,); int [points].
+            given for an invalid posture, too, if there are such ends. It may be a little lower
+            than what they reach if the method reads the elevation of the upper arm.
+        final_high: highest score of them (n,), or in the same case a little higher; int [points].
         valid: whether a posture could be scored; shape (n,), bool.
 
     Example:
@@ -210,7 +211,12 @@ class Assessment:
 
         Args:
             rows: their numbers, without gaps; for example blocks of a long recording.
+
+        Raises:
+            InputError: if the slice has a step other than 1.
         """
+        if rows.step not in (None, 1):
+            raise InputError(f"rows: got a slice with step {rows.step}, allowed: step 1")
         start, stop, _ = rows.indices(len(self.final))
         whole, rows = self._ends, slice(start, stop)
 
@@ -253,8 +259,26 @@ class Assessment:
 
     @cached_property
     def arm(self) -> NDArray[np.str_]:
-        """Arm with the higher score B, ``"right"`` or ``"left"``, right if equal; shape (n,)."""
+        """Arm with the higher score B, ``"right"`` or ``"left"``, right if equal; shape (n,).
+
+        It is that of the likeliest posture, see `arm_known`.
+        """
         return np.where(self._left_is_worse, "left", "right")
+
+    @cached_property
+    def arm_known(self) -> NDArray[np.bool_]:
+        """Whether one arm has the higher score B in all postures between; shape (n,), bool.
+
+        Where it is false, either arm may be the one that counts.
+        """
+        right_may, left_may = self._may_count
+        return ~(right_may & left_may)
+
+    @property
+    def _may_count(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether the right and the left arm may count (n,); of two equal ones the right does."""
+        low, high = self._lowest.table_b, self._highest.table_b
+        return high["right"] >= low["left"], high["left"] > low["right"]
 
     @cached_property
     def segments(self) -> dict[str, NDArray[np.int64]]:
@@ -275,13 +299,14 @@ class Assessment:
     def segments_low(self) -> dict[str, NDArray[np.int64]]:
         """Lowest score (n,) of each segment, with the keys of `segments`.
 
-        The arm segments without a side are those of an arm that can be the one that counts.
+        ``upper_arm``, ``lower_arm`` and ``wrist`` are those of the arm that counts. Where either
+        arm may count, they are the lower score of the two.
         """
         return self._of_arms(self._lowest, np.minimum)
 
     @cached_property
     def segments_high(self) -> dict[str, NDArray[np.int64]]:
-        """Highest score (n,) of each segment, the same."""
+        """Highest score (n,) of each segment, the same; the higher where either arm may count."""
         return self._of_arms(self._highest, np.maximum)
 
     def _of_body(self, scored: _Scored) -> dict[str, NDArray[np.int64]]:
@@ -293,9 +318,7 @@ class Assessment:
 
     def _of_arms(self, scored: _Scored, end: np.ufunc) -> dict[str, NDArray[np.int64]]:
         found = self._of_body(scored)
-        low, high = self._lowest.table_b, self._highest.table_b
-        # Of two equal arms the right one counts.
-        right_counts, left_counts = high["right"] >= low["left"], high["left"] > low["right"]
+        right_counts, left_counts = self._may_count
         for segment in self._sheet.of_table("B"):
             right, left = (found[segment.label(side)] for side in SIDES)
             if self.method.arms == "whole":
@@ -308,8 +331,9 @@ class Assessment:
     def worst(self, time: ArrayLike | None = None) -> int:
         """Return the number of the worst posture.
 
-        It has the highest final score. Of several it has the highest sum of score A and score B,
-        and of these it is the first of those that are held longest.
+        It has the highest `final`, which is the score of the likeliest posture; the `final_high`
+        of another may be higher. Of several it has the highest sum of score A and score B, and of
+        these it is the first of those that are held longest.
 
         Args:
             time: time of each posture (n,), increasing [s]. None: equal steps.
@@ -360,7 +384,8 @@ class Assessment:
             return [f"not scored: no angle for {missing}" if missing else "not scored"]
         sentences = [self._segment(segment, side, i) for segment, side in self._sheet.places]
         if self.final_low[i] < self.final_high[i]:
-            sentences.append(f"REBA of the likeliest posture, of {self._span(i)} that it may be:")
+            span = f"{self.final_low[i]} to {self.final_high[i]}"
+            sentences.append(f"REBA {span}; for the likeliest posture:")
         sentences += self._composition(i, task)
         for j in np.flatnonzero(self.outside[i]):
             low, high = np.degrees([LOWER[j], UPPER[j]])
@@ -371,11 +396,12 @@ class Assessment:
         return sentences
 
     def costly(self, i: int) -> list[str]:
-        """Return what makes the score of posture `i` higher than 1.
+        """Return what makes the score of posture `i` higher than 1, or may make it so.
 
-        The list names the segments above their lowest score, and the points of the task. Of
-        the arms it names only the one that counts. The list is empty if the score is 1,
-        because a segment above its lowest score does not always cost a point.
+        The list names the segments that are or may be above their lowest score, and the points of
+        the task. Of the arms it names only the one that counts, or both where either may. The list
+        is empty if the score is 1 in all postures between `low` and `high`, because a segment
+        above its lowest score does not always cost a point.
 
         Args:
             i: number of the posture, from 0 (negative: from the end).
@@ -384,14 +410,15 @@ class Assessment:
             InputError: if there is no posture with that number.
         """
         i = self._index(i, "costly")
-        if self.final[i] <= 1:
+        if not self.valid[i] or self.final_high[i] <= 1:
             return []
         points = {name: int(value) for name, value in self._task.rows(i).points.items()}
-        counts = (str(self.arm[i]),) if self.method.arms == "whole" else SIDES
+        one = self.method.arms == "whole" and self.arm_known[i]
+        counts = (str(self.arm[i]),) if one else SIDES
         return [
             self._segment(segment, side, i)
             for segment, side in self._sheet.places
-            if side in ("", *counts) and self._best.segments[segment.label(side)][i] > 1
+            if side in ("", *counts) and self._highest.segments[segment.label(side)][i] > 1
         ] + [f"{name}: +{value}" for name, value in points.items() if value]
 
     def _index(self, i: int, what: str) -> int:
@@ -399,20 +426,17 @@ class Assessment:
             raise InputError(f"{what}: got posture {i}, allowed: 0 to {len(self.final) - 1}")
         return i % len(self.final)
 
-    def _span(self, i: int) -> str:
-        return f"{self.final_low[i]} to {self.final_high[i]}"
-
     def _segment(self, segment: Segment, side: str, i: int) -> str:
         label = segment.label(side)
         low, high = (int(each.segments[label][i]) for each in (self._lowest, self._highest))
+        ends = self._between(slice(i, i + 1)).transpose(0, 2, 1)
+        ends = _as_read_between(self.method, ends)[..., 0]
         if low < high:
-            ends = self._between(slice(i, i + 1)).transpose(0, 2, 1)
-            return explain_span(
-                segment, _as_read_between(self.method, ends)[..., 0], side, low, high
-            )
+            return explain_span(segment, ends, side, low, high)
         return explain_segment(
             segment,
             _as_read(self.method, self.postures[i]),
+            ends,
             self._task.rows(i),
             side,
             int(self._best.segments[segment.label(side)][i]),
@@ -488,10 +512,10 @@ def assess_rows(
         _score(sheet, method, options, _as_read(method, angles), StepFunction.score, best, rows)
         if ends is not None:
             between = ends(rows)
-            check_ends(postures[rows], between, start)
             both = np.ascontiguousarray(between.transpose(0, 2, 1))
-            for end in both:
-                check_angles(end, start)
+            for name, end in zip(("low", "high"), both, strict=True):
+                check_angles(end, start, name)
+            check_ends(postures[rows], between, start)
             both = _as_read_between(method, both)
             _score(sheet, method, options, both, StepFunction.lowest, lowest, rows)
             _score(sheet, method, options, both, StepFunction.highest, highest, rows)

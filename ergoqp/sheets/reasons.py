@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,48 +12,98 @@ from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
 from ergoqp.sheets.description import TIE, Segment, StepFunction
 from ergoqp.sheets.options import Task
 
+_NARROW: Final = float(np.radians(0.5))
+"""Ends that are at most this far apart are not told: the angle is as good as known [rad]."""
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What a step reads: the angle of a joint, and the ends between which it is [rad]."""
+
+    step: StepFunction
+    joint: int
+    low: float
+    high: float
+
+    @classmethod
+    def of(
+        cls,
+        segment: Segment,
+        step: StepFunction,
+        side: str,
+        posture: NDArray[np.float64],
+        ends: NDArray[np.float64],
+    ) -> _Reading:
+        joint = segment.joint(step, side)
+        low, high = (float(each) for each in ends[:, joint])
+        if high - low <= _NARROW:
+            low = high = float(posture[joint])
+        return cls(step, joint, low, high)
+
+    @property
+    def points(self) -> tuple[int, int]:
+        """Lowest and highest points."""
+        ends = np.array([self.low, self.high])
+        return int(self.step.lowest(ends)), int(self.step.highest(ends))
+
+    @property
+    def open_words(self) -> str:
+        """The joint and its ends, for points that are not the same at both."""
+        ends = np.array([self.low, self.high])
+        return f"{spoken(JOINTS[self.joint])} {_known_to(ends, self.joint)}"
+
 
 def explain_segment(
-    segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int
+    segment: Segment,
+    posture: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    task: Task,
+    side: str,
+    score: int,
 ) -> str:
-    """Return a sentence that explains the score of a segment.
+    """Return a sentence that explains the score of a segment that is the same between two postures.
 
-    An example is ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
+    An example is ``"neck 24 deg flexion, over 20: 2; twisted left 15 to 30 deg: +1"``.
 
     Args:
         segment: the segment.
         posture: one posture, shape (32,) [rad].
+        ends: lower and upper ends of its joint angles (2, 32) [rad].
         task: options of this posture, single values.
         side: ``"right"``, ``"left"`` or ``""``.
         score: the exact score. It is named at the end if a clamp changed the sum.
     """
-    joint_side = _worse_side(segment, posture) if segment.worse_side else side
-    angle = float(posture[segment.joint(segment.base, joint_side)])
-    base = segment.base.scores[segment.base.band(angle)]
+    joint_side = _worse_side(segment, posture, ends) if segment.worse_side else side
+    base = _Reading.of(segment, segment.base, joint_side, posture, ends)
     if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
         parts = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"]
-        total = segment.start
+        total = np.full(2, segment.start)
     else:
-        total = segment.start + base
-        name = segment.label(side) + (f", {joint_side} knee" if segment.worse_side else "")
-        parts = [f"{name} {_amount(segment.base, angle)}, {_band(segment.base, angle)}: {total}"]
+        total = segment.start + np.array(base.points)
+        if total[0] == total[1]:
+            name = segment.label(side) + (f", {joint_side} knee" if segment.worse_side else "")
+            words = f"{name} {_amount(base)}, {_band(segment.base, base.low)}"
+        else:
+            words = f"{segment.label(side)}, {base.open_words}"
+        parts = [f"{words}: {_between(*(str(each) for each in total))}"]
     for modifier in segment.modifiers:
-        met = []
-        for step in modifier.conditions:
-            value = float(posture[segment.joint(step, side)])
-            if step.scores[step.band(value)]:
-                met.append(f"{_word(step, value)} {_magnitude(step, value)} deg")
-        if met and not modifier.additive:
-            met = [" and ".join(met)]
-        parts += [f"{one}: +1" for one in met]
-        total += len(met)
+        readings = [_Reading.of(segment, step, side, posture, ends) for step in modifier.conditions]
+        met = [_condition(each) for each in readings if each.points == (1, 1)]
+        unsure = [each.open_words for each in readings if each.points == (0, 1)]
+        if not modifier.additive:
+            unsure = [] if met else unsure
+            met, unsure = _joined(" and ", met), _joined(" or ", unsure)
+        parts += [f"{one}: +1" for one in met] + [f"{one}: +0 to +1" for one in unsure]
+        total += [len(met), len(met) + len(unsure)]
     for option in segment.options:
         blocked = option.not_with is not None and bool(task.flag(option.not_with, side))
         if task.flag(option.option, side) and not blocked:
             parts.append(f"{option.words}: {option.points:+d}")
             total += option.points
-    if total != score:
-        parts.append(f"{'at least' if total < score else 'at most'} {score}: {score - total:+d}")
+    low, high = (int(each) for each in total)
+    if low != score or high != score:
+        change = f": {score - low:+d}" if low == high else ""
+        parts.append(f"{'at least' if low < score else 'at most'} {score}{change}")
     return "; ".join(parts).replace("_", " ")
 
 
@@ -82,25 +135,50 @@ def _known_to(ends: NDArray[np.float64], joint: int) -> str:
     """Return in words what is known of an angle between two ends (2,) [rad]."""
     if ends[0] <= LOWER[joint] + TIE and ends[1] >= UPPER[joint] - TIE:
         return "not known"
-    low, high = np.degrees(ends)
-    return f"{low:.0f} to {high:.0f} deg"
+    low, high = (round(each) for each in np.degrees(ends).tolist())
+    return f"{low} to {high} deg"
 
 
-def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
-    def score(side: str) -> int:
-        return segment.base.scores[
-            segment.base.band(float(posture[segment.joint(segment.base, side)]))
-        ]
+def _worse_side(segment: Segment, posture: NDArray[np.float64], ends: NDArray[np.float64]) -> str:
+    """Return the side that decides: with the highest lowest points, then those of the posture."""
 
-    return max(SIDES, key=score)
+    def points(side: str) -> tuple[int, int]:
+        joint = segment.joint(segment.base, side)
+        return int(segment.base.lowest(ends[:, joint])), int(segment.base.score(posture[joint]))
 
-
-def _amount(step: StepFunction, angle: float) -> str:
-    return f"{_magnitude(step, angle)} deg {_word(step, angle)}"
+    return max(SIDES, key=points)
 
 
-def _word(step: StepFunction, angle: float) -> str:
-    return step.words[angle >= 0]
+def _joined(word: str, parts: list[str]) -> list[str]:
+    return [word.join(parts)] if parts else []
+
+
+def _between(low: str, high: str) -> str:
+    return low if low == high else f"{low} to {high}"
+
+
+def _amount(reading: _Reading) -> str:
+    """Return an angle in words, as ``"30 to 47 deg flexion"``."""
+    (low, from_), (high, to) = _ends_in_words(reading)
+    if from_ == to:
+        return f"{_between(low, high)} deg {to}"
+    return f"{low} deg {from_} to {high} deg {to}"
+
+
+def _condition(reading: _Reading) -> str:
+    """Return the angle of a condition in words, as ``"twisted left 15 to 30 deg"``."""
+    (low, from_), (high, to) = _ends_in_words(reading)
+    if from_ == to:
+        return f"{to} {_between(low, high)} deg"
+    return f"{from_} {low} deg to {to} {high} deg"
+
+
+def _ends_in_words(reading: _Reading) -> list[tuple[str, str]]:
+    """Return the size and the word of both ends; of negative angles the smaller size is first."""
+    step, ends = reading.step, [reading.low, reading.high]
+    if reading.high < 0:
+        ends.reverse()
+    return [(_magnitude(step, end), step.words[end >= 0]) for end in ends]
 
 
 def _magnitude(step: StepFunction, angle: float) -> str:

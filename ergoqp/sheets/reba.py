@@ -171,8 +171,10 @@ def assess(
     postures are scored.
 
     With ``low`` and ``high``, every posture also has the lowest and the highest score of all
-    postures between them (`Assessment.final_low`, `Assessment.final_high`). They are exact: each
-    segment's lowest and highest score, then the tables, which are monotone.
+    postures between them (`Assessment.final_low`, `Assessment.final_high`). They follow from each
+    segment's lowest and highest score by the tables, which are monotone, so a posture between
+    ``low`` and ``high`` reaches each. With ``upper_arm="elevation"`` no posture scores beyond
+    them, but they may be wider than what is reached: an elevation follows from two angles.
 
     Args:
         postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
@@ -191,7 +193,8 @@ def assess(
         arm_supported: flags (right, left): the arm is supported or gravity assists it.
         shoulder_raised: flags (right, left): the shoulder is raised.
         low: lower ends of angles that are not known exactly, shape (n, 32) or (32,) as the postures
-            [rad]; NaN: unknown, the range of the joint. None: the postures.
+            [rad]; NaN: unknown, the range of the joint. None: the postures. An end within 2e-6 rad
+            of the posture is the posture.
         high: their upper ends, the same, shape (n, 32) or (32,) [rad].
 
     Raises:

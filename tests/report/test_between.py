@@ -39,6 +39,6 @@ def test_shares_of_which_two_are_equal_are_one():
         ends = zip(("_low", "", "_high"), shares, strict=True)
         return list(shares_of({f"share{end}": each for end, each in ends}))
 
-    assert names(low, low, low) == ["exact"]
-    assert names(low, low, high) == ["lowest and likeliest", "highest"]
+    assert names(low, low, low) == ["all"]
+    assert names(low, low, high) == ["lowest", "highest"]
     assert names(low, half, high) == ["lowest", "likeliest", "highest"]

@@ -12,8 +12,9 @@ from rich.console import Console
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.mocap.fitting.unknown import spans_of
 from ergoqp.report import palette
+from ergoqp.report.between import risk_between
 from ergoqp.report.score_page import write_score_page
-from ergoqp.report.scores import summary_of, write_scores
+from ergoqp.report.scores import summary_of, write_angles, write_scores
 from ergoqp.report.seen import not_seen, observed_shares, shown_scores
 from ergoqp.report.tables import score_table
 from ergoqp.sheets import reba
@@ -164,9 +165,9 @@ def test_the_table_never_gives_a_bare_score_of_what_is_not_seen(partial, scored)
     lines = {line.split("  ")[0]: line for line in text.splitlines()}
     assert "not seen" in lines["legs"]
     assert "1.0 to 3.0" in lines["legs"]
-    assert f"{summary['exact_frames']} of {summary['valid_frames']}" in lines["known exactly"]
+    assert f"{summary['exact_frames']} of {summary['valid_frames']}" in lines["one score, no range"]
     assert f"{summary['mean_high']:.2f}" in lines["REBA"]
-    assert "highest scores" in text
+    assert {"time at risk, lowest scores", "time at risk, highest scores"} <= set(lines)
     assert CAUSE in lines["in doubt"]
     worst = summary["worst"]
     assert f"{worst['reba_low']} to {worst['reba_high']}" in lines["worst"]
@@ -191,12 +192,13 @@ def test_a_recording_of_which_nothing_is_lost_looks_as_if_there_were_no_ends(tmp
     assessment = assessed(recording)
     write_score_page(recording, assessment, tmp_path / "score.html", [])
     page = (tmp_path / "score.html").read_text(encoding="utf-8")
-    for words in ("lowest to highest", "not seen</span>", 'class="levels"', "known exactly"):
+    for words in ("lowest to highest", "not seen</span>", 'class="levels"', "no range"):
         assert words not in page
-    assert "REBA, exact" in page
+    assert ">REBA</text>" in page
+    assert "REBA, exact" not in page
     text = printed(recording, assessment)
     assert "seen" not in text.replace("left elbow not seen", "")
-    assert "known exactly" not in text
+    assert "no range" not in text
 
 
 def test_headlines_have_a_colour_only_if_the_ends_share_a_level(partial, scored, tmp_path):
@@ -209,3 +211,69 @@ def test_headlines_have_a_colour_only_if_the_ends_share_a_level(partial, scored,
         assert ('class="levels"' in page) != coloured
         words = "high risk" if coloured else "high to very high risk"
         assert f'<span class="words">{words}' in page
+
+
+def test_it_is_said_that_another_frame_may_reach_more_than_the_worst(partial, scored, tmp_path):
+    final = np.where(scored.valid, 3, 0)
+    final[10], highest = 4, final.copy()
+    highest[10], highest[30] = 4, 8
+    other = replace(scored, final=final, final_low=final, final_high=highest)
+    summary = summary_of(partial, other)
+    assert (summary["worst"]["frame"], summary["worst"]["reba_high"]) == (10, 4)
+    said = "REBA 4, medium; other frames may reach 8, high"
+    (line,) = (each for each in printed(partial, other).splitlines() if each.startswith("worst"))
+    assert line.rstrip().endswith(said)
+    write_score_page(partial, other, tmp_path / "score.html", [])
+    page = (tmp_path / "score.html").read_text(encoding="utf-8")
+    assert f"{said}." in page
+    assert '<span class="words">medium risk; other frames may reach 8, high</span>' in page
+    # Without such a frame nothing is added.
+    same = replace(scored, final=final, final_low=final, final_high=final)
+    assert "may reach" not in printed(partial, same)
+
+
+def test_risk_has_both_ends_and_the_arm_is_empty_where_either_may_count(partial, tmp_path):
+    low, high = partial.low.copy(), partial.high.copy()
+    for side in ("right", "left"):
+        low[:20, INDEX[f"{side}_shoulder_flexion"]] = np.nan
+        high[:20, INDEX[f"{side}_shoulder_flexion"]] = np.nan
+    scored = reba.assess(partial.scored_postures, low=low, high=high)
+    rows, path = write_scores(partial, scored, tmp_path)
+    with rows.open(newline="", encoding="utf-8") as file:
+        read = list(csv.DictReader(file))
+    known = scored.arm_known
+    assert known[scored.valid].any()
+    assert not known[scored.valid].all()
+    for i, row in enumerate(read):
+        if scored.valid[i]:
+            assert row["risk"] == risk_between(scored.final_low[i], scored.final_high[i])
+            assert row["arm"] == (scored.arm[i] if known[i] else "")
+        else:
+            assert (row["risk"], row["arm"]) == ("not scored", "")
+    assert any(" to " in row["risk"] for row in read)
+    worst = json.loads(path.read_text(encoding="utf-8"))["worst"]
+    assert (worst["risk"], worst["arm"]) == tuple(
+        read[worst["frame"]][name] for name in ("risk", "arm")
+    )
+
+
+def test_an_angle_that_is_not_observed_has_an_empty_cell(partial, tmp_path):
+    observed = partial.observed.copy()
+    observed[5, INDEX["left_shoulder_abduction"]] = False
+    recording = replace(partial, observed=observed)
+    table, motion = write_angles(recording, tmp_path)
+    with table.open(newline="", encoding="utf-8") as file:
+        read = list(csv.DictReader(file))
+    for i, row in enumerate(read):
+        for joint, j in INDEX.items():
+            cell = row[f"{joint}_deg"]
+            if observed[i, j]:
+                assert float(cell) == pytest.approx(np.degrees(partial.postures[i, j]), abs=1e-4)
+            else:
+                assert cell == ""
+        for name in ("elevation", "elevation_plane"):
+            assert (row[f"left_{name}_deg"] == "") == (i == 5)
+            assert row[f"right_{name}_deg"]
+    lines = motion.read_text(encoding="utf-8").splitlines()
+    values = [line.split("\t") for line in lines[lines.index("endheader") + 2 :]]
+    assert np.isfinite(np.array(values, dtype=float)).all()

@@ -137,18 +137,130 @@ def test_reasons_name_what_is_not_known():
     assert "legs 1 to 3: right knee flexion not known" in said
     assert "right upper arm 2 to 3: right shoulder flexion 25 to 50 deg" in said
     span = f"{found.final_low[0]} to {found.final_high[0]}"
-    assert f"REBA of the likeliest posture, of {span} that it may be:" in said
+    assert f"REBA {span}; for the likeliest posture:" in said
     assert not any("not known" in each for each in reba.assess(known).reasons(0))
+
+
+@pytest.mark.parametrize(
+    ("spans", "task", "words"),
+    [
+        (
+            {"right_knee_flexion": (38, 30.1, 47.3)},
+            {},
+            "legs, right knee 30.1 to 47 deg flexion, 30 to 60: 2",
+        ),
+        # The left knee decides, although the right one is bent as much.
+        (
+            {"right_knee_flexion": (40, 20, 45), "left_knee_flexion": (40, 38, 50)},
+            {},
+            "legs, left knee 38 to 50 deg flexion, 30 to 60: 2",
+        ),
+        ({"neck_flexion": (2, -3, 12)}, {}, "neck 3 deg extension to 12 deg flexion, 5 extension"),
+        ({"trunk_flexion": (-10, -15, -7)}, {}, "trunk 7 to 15 deg extension, 5 to 20: 2"),
+        ({"trunk_flexion": (10, 9.9, 10.2)}, {}, "trunk 10 deg flexion, 5 to 20: 2"),
+        ({"trunk_twist": (20, 15, 30)}, {}, "within 5: 1; twisted left 15 to 30 deg: +1"),
+        (
+            {"trunk_twist": (20, 15, 30), "trunk_side_bend": (0, -20, 20)},
+            {},
+            "within 5: 1; twisted left 15 to 30 deg: +1",
+        ),
+        (
+            {"right_shoulder_flexion": (15, 10, 30)},
+            {"arm_supported": (True, False)},
+            "right upper arm, right shoulder flexion 10 to 30 deg: 1 to 2; arm supported: -1;"
+            " at least 1",
+        ),
+        (
+            {
+                "right_shoulder_flexion": (100, 95, 110),
+                "right_shoulder_abduction": (40, 35, 50),
+                "right_shoulder_rotation": (0, -60, 60),
+            },
+            {"shoulder_raised": (True, False)},
+            "right upper arm 95 to 110 deg flexion, over 90: 4; abducted 35 to 50 deg: +1;"
+            " shoulder raised: +1",
+        ),
+        (
+            {
+                "neck_flexion": (30, 25, 40),
+                "neck_twist": (30, 0, 40),
+                "neck_side_bend": (30, 30, 30),
+            },
+            {"method": reba.Method(additive=True)},
+            "neck 25 to 40 deg flexion, over 20: 2; bent to the left 30 deg: +1;"
+            " neck twist 0 to 40 deg: +0 to +1; at most 3",
+        ),
+    ],
+)
+def test_reasons_give_the_range_of_an_angle_that_scores_the_same_in_all_of_it(spans, task, words):
+    given = {joint: known for joint, (known, _, _) in spans.items()}
+    lower = {joint: low for joint, (_, low, _) in spans.items()}
+    upper = {joint: high for joint, (_, _, high) in spans.items()}
+    found = reba.assess(posture(**given), low=posture(**lower), high=posture(**upper), **task)
+    assert any(words in each for each in found.reasons(0)), found.reasons(0)
+
+
+@pytest.mark.parametrize("kinds", [(float, np.float32), (np.float32, float)])
+def test_an_end_that_is_the_posture_but_for_rounding_is_the_posture(kinds):
+    postures = random_postures(300, seed=2)
+    known, ends = (postures.astype(kind) for kind in kinds)
+    found = reba.assess(known, low=ends, high=ends)
+    assert (found.low == found.postures).all()
+    assert (found.high == found.postures).all()
+    assert (found.final_low == found.final_high).all()
+
+
+def test_parts_with_gaps_are_refused():
+    found = reba.assess(np.zeros((6, 32)))
+    assert len(found.rows(slice(0, 5, 1)).final) == 5
+    for step in (2, -1):
+        with pytest.raises(InputError, match=f"got a slice with step {step}, allowed"):
+            found.rows(slice(0, 5, step))
+
+
+def test_it_is_known_which_arm_counts_unless_either_may():
+    raised = posture(right_shoulder_flexion=60, left_shoulder_flexion=100)
+    low, high = np.tile(raised, (3, 1)), np.tile(raised, (3, 1))
+    high[0, INDEX["right_shoulder_flexion"]] = np.radians(80)
+    high[1, INDEX["right_shoulder_flexion"]] = np.radians(160)
+    high[1, INDEX["right_shoulder_abduction"]] = np.radians(60)
+    low[2, INDEX["left_shoulder_flexion"]] = 0.0
+    found = reba.assess(np.tile(raised, (3, 1)), low=low, high=high)
+    assert found.arm.tolist() == ["left"] * 3
+    assert found.arm_known.tolist() == [True, False, False]
+    assert reba.assess(raised).arm_known.all()
+    assert reba.assess(np.zeros(32)).arm_known.all()
+    named = " ".join(found.costly(1))
+    assert "right upper arm" in named
+    assert "left upper arm" in named
+    assert "right upper arm" not in " ".join(found.costly(0))
+
+
+def test_what_may_cost_points_is_named_although_the_likeliest_score_is_1():
+    known = posture()
+    low, high = known.copy(), known.copy()
+    for joint in ("right_knee_flexion", "trunk_flexion"):
+        low[INDEX[joint]] = high[INDEX[joint]] = np.nan
+    found = reba.assess(known, low=low, high=high)
+    assert (found.final[0], found.final_high[0] > 1) == (1, True)
+    assert found.costly(0)[:2] == [
+        "trunk 1 to 4: trunk flexion not known",
+        "legs 1 to 3: right knee flexion not known",
+    ]
+    lost = np.full(32, np.nan)
+    assert reba.assess(lost, low=lost, high=lost).costly(0) == []
 
 
 @pytest.mark.parametrize(
     ("low", "high", "message"),
     [
         (np.zeros((2, 32)), None, r"low: got shape \(2, 32\), allowed: that of postures"),
-        (None, np.full((1, 32), -1e-6), f"low, high: row 0, {JOINTS[0]}: got low"),
+        (None, np.full((1, 32), -1e-5), f"low, high: row 0, {JOINTS[0]}: got low"),
         (np.full((1, 32), 0.1), None, "got low, posture and high of 0.1, 0, 0 rad"),
-        ("x", None, "got no array of numbers"),
-        (None, np.full((1, 32), 4.0), "degrees given as radians"),
+        ("x", None, "^low: got no array of numbers"),
+        (None, np.zeros((1, 31)), r"^high: got shape \(1, 31\)"),
+        (None, np.full((1, 32), 4.0), "^high: row 0, .*degrees given as radians"),
+        (np.full((1, 32), -40.0), None, "^low: row 0, .*degrees given as radians"),
     ],
 )
 def test_ends_that_are_none_are_refused(low, high, message):

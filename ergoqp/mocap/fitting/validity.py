@@ -1,4 +1,4 @@
-"""Frames of a recording that are not scored, gaps and jumps, and smoothing of what jitters.
+"""What of a recording cannot be right, gaps and jumps, and smoothing of what jitters.
 
 Gaps and jumps: frames between those that are known, or between those that are wrong.
 
@@ -17,11 +17,13 @@ minimises squared distance over the jitter's variance plus squared acceleration 
 (Wahba, "Spline models for observational data", SIAM 1990, section 1.3), one pentadiagonal system.
 The density is that of the movement around: hammering is smoothed less than standing.
 
-Frames of a recording that are not scored, and the causes.
+Joints that are taken as not seen, frames that are not scored, and the causes.
 
-A frame is not scored if the recording does not show a posture in it: a bone that the body cannot
-follow within its joints' ranges, a bone that is suddenly longer or shorter, a body that is far from
-the recording, or a joint that is lost. Such frames are counted, with their causes.
+Some frames show what cannot be right: a bone that the body cannot follow within its joints' ranges,
+a bone that is suddenly longer or shorter, a body that is far from the recording, or a jump. The
+joints that depend on it are then taken as not seen, and the frame is scored, with a range. It is
+not scored only if the trunk is not seen in it, nor near it in time. Both kinds of frames are
+counted, with their causes.
 """
 
 from __future__ import annotations

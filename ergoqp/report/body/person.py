@@ -259,8 +259,8 @@ class Movement:
         held: whether a robot holds the object; a robot is then drawn.
         forces: forces of the object on the hands, world-aligned, shape (n, 3) or more [N];
             None: unknown.
-        ends: lowest and highest score, shape (n,) each, if `final` is the likeliest; None: it is
-            exact.
+        ends: lowest and highest score, shape (n,) each, if `final` is the likeliest; None:
+            there is no range.
     """
 
     body: Body

@@ -46,7 +46,7 @@ def score_chart(
 
     Args:
         time: shape (n,) [s].
-        final: exact score, 0 without a score; shape (n,).
+        final: score by the sheet, 0 without a score; shape (n,).
         cost: smooth cost, shape (n,), or None.
         marks: time [s], score and name of each mark.
         ends: lowest and highest score, shape (n,) each, if `final` is the likeliest.
@@ -56,7 +56,7 @@ def score_chart(
     highest = max(8, int(top.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
         highest = max(highest, min(16, int(np.ceil(np.nanmax(cost)))))
-    legend = [("score", "REBA, exact")]
+    legend = [("score", "REBA")]
     if ends is not None:
         legend = [("score", "REBA, likeliest posture"), ("span", "lowest to highest")]
     if cost is not None:

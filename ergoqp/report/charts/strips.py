@@ -143,7 +143,7 @@ def segments_strips(
     Args:
         time: shape (n,) [s].
         segments: name -> scores, 0 without a score, -1 where it is not seen; shape (n,) each.
-        most: name -> highest score that it may have, 0 where it is exact; shape (n,) each.
+        most: name -> highest score that it may have, 0 where it has no range; shape (n,) each.
         notes: name -> text at the end of its row; None: the mean of its scores.
         width: width of the chart [px].
     """
