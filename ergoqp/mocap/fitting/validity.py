@@ -1,7 +1,5 @@
 """What of a recording cannot be right, gaps and jumps, and smoothing of what jitters.
 
-Gaps and jumps: frames between those that are known, or between those that are wrong.
-
 The accelerations of people are bounded. A bone that turns and turns back faster than a person can
 has moved in the recording only.
 
@@ -43,20 +41,12 @@ from ergoqp.mocap.formats.times import are_alike
 
 _NOISE: Final = np.radians(1.0) ** 2
 """Variance of a measured angle whose `shows` is sin 45 deg [rad^2]."""
-
-
 _SURE: Final = 1e-6
 """Share of that variance that a fully determined angle has: it is practically kept as measured."""
-
-
 _WANDER: Final = 1.0
 """Growth of an angle's variance per second [rad^2/s]."""
-
-
 _USUAL: Final = 1.0
 """Variance about zero of an angle of which nothing is known [rad^2]."""
-
-
 _FORGOTTEN: Final = 10.0
 """Time after which nothing is known of an earlier angle [s]."""
 
