@@ -50,5 +50,5 @@ def test_decimal_commas_between_commas(faults: Path) -> None:
 @pytest.mark.parametrize("name", ["7_wrist_bar.trc", "btk_T.trc"])
 def test_bars_across_the_wrists_are_read(name: str, faults: Path) -> None:
     recording = load_recording(faults / name)
-    # All but the T-pose is scored.
-    assert set(recording.not_scored) == {"calibration pose"}
+    # All is scored, apart from a T-pose at the start or the end.
+    assert set(recording.not_scored) <= {"calibration pose"}
