@@ -108,8 +108,9 @@ def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: 
     outside = np.isin(np.arange(COUNT), np.r_[rows], invert=True)
     assert known(recording)[outside].all()
     assert worst(recording, outside) < 0.1
-    # Of these no marker of the pelvis is known.
-    assert worst(recording) < OFF
+    # Of these no marker of the pelvis is known. The line from hips to neck bends, so its length
+    # does not show that a trunk is off by 15 degrees for a quarter of a second.
+    assert worst(recording) < 15
 
 
 @pytest.mark.slow
