@@ -19,6 +19,7 @@ from ergoqp.human import Kinematics
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 from ergoqp.mocap import Recording
+from ergoqp.mocap.fitting.validity import LEG
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.gmr import mean_pose
 from ergoqp.responses.ik import IkResponse
@@ -27,14 +28,6 @@ from ergoqp.sheets.options import TaskOptions
 _BEHIND: Final = 0.05
 """A person whose centre of mass is further than this behind both heels must be sitting [m]."""
 _BENT: Final = np.radians(45)
-_LEG: Final = (
-    "hip_flexion",
-    "hip_abduction",
-    "hip_rotation",
-    "knee_flexion",
-    "ankle_flexion",
-    "ankle_inversion",
-)
 _UNLOCKED: Final = np.radians(5)
 """Least knee flexion of people who stand at work [rad]."""
 _UNEVEN: Final = 0.02
@@ -167,7 +160,7 @@ def planted(recording: Recording, frame: int) -> np.ndarray:
     """
     posture, kinematics = recording.postures[frame].copy(), Kinematics(recording.person)
     soles = {side: kinematics.function(f"{side}_sole") for side in SIDES}
-    legs = {side: [INDEX[f"{side}_{joint}"] for joint in _LEG] for side in SIDES}
+    legs = {side: [INDEX[f"{side}_{joint}"] for joint in LEG] for side in SIDES}
     for side in SIDES:
         knee = INDEX[f"{side}_knee_flexion"]
         posture[knee] = max(posture[knee], _UNLOCKED)
@@ -176,7 +169,7 @@ def planted(recording: Recording, frame: int) -> np.ndarray:
     for side in SIDES:
         leg, given = legs[side], posture[legs[side]]
         lower, upper = LOWER[leg].copy(), UPPER[leg]
-        lower[_LEG.index("knee_flexion")] = _UNLOCKED
+        lower[LEG.index("knee_flexion")] = _UNLOCKED
 
         def off(angles: np.ndarray, side: str = side) -> np.ndarray:
             trial = posture.copy()

@@ -352,6 +352,16 @@ def test_a_neck_that_is_lost_is_not_the_middle_of_the_shoulders() -> None:
     assert recording.observed[:100, NECK].all()
 
 
+def test_a_neck_that_is_lost_for_a_whole_block_is_none_either(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ergoqp.mocap.fitting.posture._BLOCK", 60)
+    monkeypatch.setattr("ergoqp.mocap.fitting.posture._AROUND", 0.1)
+    places, _ = walking()
+    places["neck"][100:300] = np.nan
+    assert not fitted(places).observed[100:300, NECK].any()
+
+
 def test_spine_and_shoulders_are_never_rigid() -> None:
     # A stand for most of the take, then a stoop in which hips and neck come nearer.
     still = posture(COUNT)

@@ -29,7 +29,7 @@ those of the fitted body is the check.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -403,12 +403,13 @@ class Spine:
     trunk: Rotation
 
 
-def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
+def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray, given: Collection[str]) -> Spine:
     """Return pelvis, trunk and neck.
 
     Args:
         place: every centre -> positions (n, 3) [m], NaN where not seen.
         time: times of the frames (n,) [s].
+        given: centres that are seen at some time of the recording, of which this may be a part.
     """
     hips = either((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
     shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
@@ -426,17 +427,13 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray) -> Spine:
     left = np.cross(head - neck, ahead)
     bent, bent_told, _ = _segment("neck", axes, head - neck, left, time)
     # A head or a neck that stands for a lost one is elsewhere.
-    usual = _if_ever(place["neck"]) & _if_ever(place["head_top"])
+    usual = np.ones(len(time), dtype=bool)
+    for centre in {"neck", "head_top"} & set(given):
+        usual &= np.isfinite(place[centre][:, 0])
     if not usual.all():
         bent_told = {joint: told & usual for joint, told in bent_told.items()}
         bent = {joint: _between(each, bent_told[joint], time) for joint, each in bent.items()}
     return Spine(pelvis, trunk | bent, trunk_told | bent_told, upright, axes)
-
-
-def _if_ever(path: np.ndarray) -> np.ndarray:
-    """Return the frames in which a centre (n, 3) is seen, or all if it never is (n,) bool."""
-    seen = np.isfinite(path[:, 0])
-    return seen | ~seen.any()
 
 
 def _segment(
@@ -597,7 +594,7 @@ def _fitted(
 ) -> tuple[Fit, dict[str, np.ndarray]]:
     """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
     place = every_centre(places)
-    spine = spine_of(place, time)
+    spine = spine_of(place, time, places)
     angles, told, second = dict(spine.angles), dict(spine.told), {}
     into_trunk, into_pelvis = spine.trunk.inv(), spine.upright.inv()
     for side in SIDES:

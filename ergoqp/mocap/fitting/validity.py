@@ -345,7 +345,7 @@ _ARM: Final = (
     "wrist_flexion",
     "wrist_deviation",
 )
-_LEG: Final = (
+LEG: Final = (
     "hip_flexion",
     "hip_abduction",
     "hip_rotation",
@@ -353,6 +353,7 @@ _LEG: Final = (
     "ankle_flexion",
     "ankle_inversion",
 )
+"""Joints of a leg, without the side."""
 _NECK: Final = ("neck_flexion", "neck_side_bend", "neck_twist")
 _TRUNK: Final = ("trunk_flexion", "trunk_side_bend", "trunk_twist")
 
@@ -387,7 +388,7 @@ _BENDS: Final = tuple(
     for side in SIDES
     for start, joint, end, joints in (
         ("shoulder", "elbow", "wrist", _ARM[2:]),
-        ("hip", "knee", "ankle", _LEG),
+        ("hip", "knee", "ankle", LEG),
     )
 )
 """Joints whose angle between two bones is scored, its centres, and the joints that depend on it."""
@@ -399,7 +400,7 @@ _CENTRES: Final = {
         for centres, joints in (
             (("shoulder", "elbow"), _ARM),
             (("wrist",), _ARM[2:]),
-            (("hip", "knee"), _LEG),
+            (("hip", "knee"), LEG),
         )
         for centre in centres
     },
@@ -417,9 +418,9 @@ _CHAINS: Final = {
             ("wrist", ("trunk_twist",), _ARM[:4]),
             ("knuckles", ("trunk_twist",), _ARM[:4]),
             ("thumb", ("trunk_twist",), _ARM[:5]),
-            ("knee", (), _LEG[:2]),
-            ("ankle", (), _LEG[:4]),
-            ("toe", (), _LEG[:4]),
+            ("knee", (), LEG[:2]),
+            ("ankle", (), LEG[:4]),
+            ("toe", (), LEG[:4]),
         )
     },
 }
@@ -614,13 +615,13 @@ def _bones() -> Iterator[tuple[str, str, str, float, tuple[str, ...]]]:
     shorter, and that of the shoulders because a raised shoulder is nearer to the neck. The joints
     are those whose angles depend on one of the ends.
     """
-    legs = tuple(joint for side in SIDES for joint in _of(side, _LEG))
+    legs = tuple(joint for side in SIDES for joint in _of(side, LEG))
     yield "trunk", "hips", "neck", _MOST, _ABOVE
     yield "neck", "neck", "skull", _MOST, _NECK
     yield "pelvis", "right_hip", "left_hip", 0.1, (*_ABOVE, *legs)
     yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15, _FROM_SHOULDERS
     for side in SIDES:
-        arm, leg = _of(side, _ARM), _of(side, _LEG)
+        arm, leg = _of(side, _ARM), _of(side, LEG)
         yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2, _FROM_SHOULDERS
         yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1, arm
         yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06, arm
