@@ -166,7 +166,7 @@ _NEARLY_ALL: Final = 0.9
 """Share of the frames in which a forearm beyond its range shows that its markers are others."""
 _TOE: Final = 0.01
 """Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
-_STRAIGHT: Final = np.radians(10.0)
+_STRAIGHT: Final = np.radians(20.0)
 """Bend of an elbow up to which the arm shows no rotation [rad]."""
 THUMB: Final = np.arctan2(0.02, 0.05)
 """Angle by which the thumb of `models/human.xml` is turned inward about the hand [rad]."""
