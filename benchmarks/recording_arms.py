@@ -24,8 +24,9 @@ frames.
 wide, as read by `ergoqp.mocap.fit_postures`; ``arm_bins_ratio``: of the bins, the smallest over the
 largest. ``upper_arm_covered``: share of the frames with the true score inside; ``.direction``: had
 the true upper arm been rotated about its own length as is read. A narrow interval that does not
-hold is worth nothing, so both belong together. ``posture.BIN.error_deg``: of the upper arms of
-these postures. Kinds and ``.below`` as above.
+hold is worth nothing, so both belong together: ``.half_angle_times_X`` is what is reached with
+smaller doubts. ``posture.BIN.error_deg``: of the upper arms of these postures. Kinds and ``.below``
+as above.
 ``real.FILE.SIDE``: real takes. Per bin of read elevation, the median length of the upper arm and
 from neck to shoulder; the figure is the range of these medians [mm]; ``.below``: as above.
 ``.arm_bins.BIN``: as above, by read elevation: what is true is not known.
@@ -61,6 +62,7 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import Recording, fit_postures, load_recording
+from ergoqp.mocap.fitting.unknown import Doubt, Ends, changes_by
 from ergoqp.mocap.joints import Found, ReadOptions, joints_of
 from ergoqp.mocap.markers.bones import Widths
 from ergoqp.mocap.markers.joints import centres_of_landmarks
@@ -258,6 +260,19 @@ def scores(report: Report) -> None:
         read_as("", report, carrying)
     with patch("ergoqp.mocap.markers.joints._sliding", lambda *_: {}):
         read_as(".below", report, ADULT)
+    for share in report.pick((0.0,), (0.0, 0.5, 0.75)):
+        with patch("ergoqp.mocap.fitting.unknown.changes_by", _with_less(share)):
+            read_as(f".half_angle_times_{share:g}", report, ADULT)
+
+
+def _with_less(share: float) -> Callable[[np.ndarray, Doubt, np.ndarray], dict[int, Ends]]:
+    """Return what turns doubts into changes of angles, for a share of the half-angles."""
+
+    def changes(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int, Ends]:
+        arms = {arm: share * half for arm, half in doubt.arms.items()}
+        return changes_by(postures, replace(doubt, arms=arms), time)
+
+    return changes
 
 
 def read_as(control: str, report: Report, carrying: float) -> None:

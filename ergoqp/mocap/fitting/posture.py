@@ -167,7 +167,11 @@ _NEARLY_ALL: Final = 0.9
 _TOE: Final = 0.01
 """Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
 _STRAIGHT: Final = np.radians(20.0)
-"""Bend of an elbow up to which the arm shows no rotation [rad]."""
+"""Bend of an elbow up to which the arm shows no rotation [rad].
+
+The forearms of adults point outward by a carrying angle of 10 to 15 deg. At this bend, one of 10
+deg looks as if the upper arm was rotated by 30 deg.
+"""
 THUMB: Final = np.arctan2(0.02, 0.05)
 """Angle by which the thumb of `models/human.xml` is turned inward about the hand [rad]."""
 

@@ -76,7 +76,7 @@ def spans_of(
         doubt: how far those that are seen may be off.
     """
     found: Spans = {}
-    changes = {} if doubt is None else _changes(postures, doubt, time)
+    changes = {} if doubt is None else changes_by(postures, doubt, time)
     others = () if doubt is None else doubt.others
     hands = _turned_hands(postures, observed)
     for joint in range(len(JOINTS)):
@@ -238,7 +238,7 @@ def _moves(
     return np.maximum.accumulate(alone).tolist(), np.maximum.accumulate(across).tolist()
 
 
-def _changes(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int, Ends]:
+def changes_by(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int, Ends]:
     """Return by how much angles may be off: joint -> lowest and highest change (n,) [rad]."""
     found, count = {}, len(postures)
     if doubt.neck[0] < doubt.neck[1]:
