@@ -29,7 +29,7 @@ from ergoqp.mocap.fitting.neutral import (
     stated_neutral,
 )
 from ergoqp.mocap.fitting.posture import Fit
-from ergoqp.mocap.fitting.unknown import NEAR
+from ergoqp.mocap.fitting.unknown import FASTEST, NEAR
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.joints import ReadOptions, joints_of
@@ -449,7 +449,6 @@ def _from_hands(path: np.ndarray, centres: Mapping[str, np.ndarray]) -> float:
 
 
 _POOR: Final = 0.06  # m
-_FASTEST: Final = 12.0  # m/s: faster than a hand at work
 
 
 def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) -> Iterator[str]:
@@ -492,7 +491,7 @@ def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> Iterator[str]
     moved = np.full(len(time) - 1, np.nan)
     for path in targets.values():
         moved = np.fmax(moved, np.linalg.norm(np.diff(path, axis=0), axis=1))
-    places = np.flatnonzero(moved > _FASTEST * np.diff(time))
+    places = np.flatnonzero(moved > FASTEST * np.diff(time))
     if len(places):
         first = places[0]
         more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""

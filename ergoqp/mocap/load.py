@@ -39,12 +39,13 @@ from ergoqp.mocap.assumptions import (
     unit_by_stature,
     windowed,
 )
+from ergoqp.mocap.fitting.jitter import smoothed
 from ergoqp.mocap.fitting.axes import UPS
 from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.sides import check_sides
 from ergoqp.mocap.fitting.unknown import Doubt
-from ergoqp.mocap.fitting.validity import scored_frames, smoothed
+from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import TableOptions, short
 from ergoqp.mocap.formats.times import FASTEST, RATES, SLOWEST
 from ergoqp.mocap.joints import ReadOptions as ReadOptions

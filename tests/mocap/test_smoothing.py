@@ -8,7 +8,7 @@ import pytest
 from benchmarks.made_motions import BODY, Places, fitted, posture, read_angles, stoop, walk
 from ergoqp.joints import INDEX
 from ergoqp.mocap import fit_postures
-from ergoqp.mocap.fitting.validity import smoothed, tremble_of
+from ergoqp.mocap.fitting.jitter import smoothed, tremble_of
 from ergoqp.mocap.naming import centres_of
 
 

@@ -49,6 +49,7 @@ from ergoqp.mocap.fitting.validity import (
     rms,
     steady,
     usual_lengths,
+    usual_neck,
     without_trunk,
 )
 from ergoqp.mocap.naming import CENTRES, centres_of, placed
@@ -546,7 +547,7 @@ def fit(
         progress: is called with the share of the frames that is done.
         doubt: how far the angles of the centres may be from those of the person.
     """
-    count, usual = len(time), usual_lengths(places)
+    count, usual, neck = len(time), usual_lengths(places), usual_neck(places)
     whole = Fit(
         np.empty((count, 4)),
         np.empty((count, len(JOINTS))),
@@ -567,7 +568,7 @@ def fit(
             seen = whole.observed[first:start, INDEX[f"{side}_shoulder_flexion"]]
             if seen.any():
                 begin[side] = bool(ways[first + int(np.argmax(seen))])
-        part, second = _fitted(body, near, time[first:last], begin, usual)
+        part, second = _fitted(body, near, time[first:last], begin, usual, neck)
         here, rows = slice(start - first, stop - first), slice(start, stop)
         for side, ways in second.items():
             over.setdefault(side, np.zeros(count, dtype=bool))[rows] = ways[here]
@@ -595,6 +596,7 @@ def _fitted(
     time: np.ndarray,
     begin: Mapping[str, bool],
     usual: Mapping[str, Usual],
+    neck: np.ndarray,
 ) -> tuple[Fit, dict[str, np.ndarray]]:
     """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
     place = every_centre(places)
@@ -640,7 +642,7 @@ def _fitted(
     }
     errors = placed_by_body(errors, observed)
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes, wrong = doubtful(places, fitted, errors, usual, time)
+    causes, wrong = doubtful(places, fitted, errors, usual, neck, time)
     for joint in np.flatnonzero((wrong & observed).any(axis=0)):
         observed[:, joint] &= ~wrong[:, joint]
         postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)

@@ -21,8 +21,8 @@ _TIMES: Final = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
 """Times over which the movement of an angle is measured [s]."""
 _MOST: Final = 0.995
 """Share of the movements of a recording that stay within the ends."""
-_FASTEST: Final = 12.0
-"""Largest speed of a part of the body [m/s]."""
+FASTEST: Final = 12.0
+"""Largest speed of a part of the body at work [m/s]."""
 _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
 _TURNS: Final = 18
@@ -154,7 +154,7 @@ def pieces_of(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
     """
     shown = np.logical_or.reduce([np.isfinite(path[:, 0]) for path in places.values()])
     frames = np.flatnonzero(shown)
-    most = (_FASTEST * np.diff(time[frames])) ** 2
+    most = (FASTEST * np.diff(time[frames])) ** 2
     fast, seen = np.zeros(len(most), dtype=int), np.zeros(len(most), dtype=int)
     for path in places.values():
         moved = (np.diff(path[frames], axis=0) ** 2).sum(axis=1)
