@@ -28,7 +28,7 @@ from ergoqp.mocap.fitting.neutral import (
     stands_straight,
     stated_neutral,
 )
-from ergoqp.mocap.fitting.posture import Fit
+from ergoqp.mocap.fitting.posture import STRAIGHT, Fit
 from ergoqp.mocap.fitting.unknown import FASTEST, NEAR
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import some
@@ -482,6 +482,13 @@ def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) ->
             f"In {count} frames a joint is not seen that is seen at other times: up to {NEAR:g} s"
             " from these its angle is within what it moves in that time, later anywhere in its"
             " range."
+        )
+    elbows = [INDEX[f"{side}_elbow_flexion"] for side in SIDES]
+    straight = result.observed[:, elbows] & (result.postures[:, elbows] <= STRAIGHT)
+    if count := int((straight.any(axis=1) & scored).sum()):
+        yield (
+            f"In {count} frames an elbow is bent by less than {math.degrees(STRAIGHT):.0f} deg and"
+            " does not show how the upper arm is rotated."
         )
     yield from _unobserved(np.any(result.observed, axis=0))
 

@@ -39,8 +39,8 @@ from ergoqp.mocap.assumptions import (
     unit_by_stature,
     windowed,
 )
-from ergoqp.mocap.fitting.jitter import smoothed
 from ergoqp.mocap.fitting.axes import UPS
+from ergoqp.mocap.fitting.jitter import smoothed
 from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
 from ergoqp.mocap.fitting.sides import check_sides

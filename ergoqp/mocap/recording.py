@@ -14,6 +14,7 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
+from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap.fitting.unknown import Spans, spans_within, with_spans
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import count_of, short, some
@@ -149,10 +150,15 @@ class JointMotion:
 def all_seen(observed: np.ndarray) -> np.ndarray:
     """Return the frames in which every joint is seen that is ever seen (n,) bool.
 
+    The rotation of an upper arm does not count: a straight arm does not show it, and hardly moves
+    with it.
+
     Args:
         observed: which joint angles are determined (n, 32) bool.
     """
-    return np.all(observed[:, np.any(observed, axis=0)], axis=1)
+    ever = np.any(observed, axis=0)
+    ever[[INDEX[f"{side}_shoulder_rotation"] for side in SIDES]] = False
+    return np.all(observed[:, ever], axis=1)
 
 
 def with_times(
@@ -259,7 +265,10 @@ class Recording:
 
     @property
     def seen(self) -> np.ndarray:
-        """Frames in which every joint is seen that is ever seen, shape (n,) bool."""
+        """Frames in which every joint is seen that is ever seen, shape (n,) bool.
+
+        The rotation of an upper arm does not count, because a straight arm does not show it.
+        """
         return all_seen(self.observed)
 
     @property

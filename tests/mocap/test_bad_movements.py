@@ -252,6 +252,21 @@ def test_a_neck_that_both_shoulders_miss_is_in_a_wrong_place(work: Places) -> No
     assert recording.observed[:100, trunk].all()
 
 
+@pytest.mark.parametrize("shrugs", [False, True])
+def test_a_neck_far_from_its_place_is_wrong_and_a_shrug_is_not(work: Places, shrugs: bool) -> None:
+    # Ahead, where the bones from the neck hardly change their lengths; shoulders go ahead and up.
+    if shrugs:
+        for side in SIDES:
+            for centre in ("shoulder", "elbow", "wrist"):
+                work[f"{side}_{centre}"][565:600] += [0.04, 0.0, 0.05]
+    else:
+        work["neck"][565:600] += [0.09, 0.0, -0.06]
+    recording, trunk = fitted(work), INDEX["trunk_flexion"]
+    assert ("neck out of place" in recording.doubts) != shrugs
+    assert recording.observed[565:, trunk].any() == shrugs
+    assert recording.observed[:565, trunk].all()
+
+
 def test_a_bone_that_always_varies_may_do_so(work: Places) -> None:
     # Between points that are measured a bone varies: 4 % are no other posture there.
     plain = {centre: path.copy() for centre, path in work.items()}

@@ -304,7 +304,7 @@ def test_a_forearm_that_is_always_turned_beyond_its_range_is_not_seen() -> None:
 
 
 def test_a_straight_arm_does_not_show_how_it_is_rotated() -> None:
-    for elbow, seen in ((4.0, False), (16.0, True)):
+    for elbow, seen in ((4.0, False), (18.0, False), (22.0, True)):
         postures = posture(COUNT, arms_shoulder_rotation=50.0, arms_elbow_flexion=elbow)
         places = whole(np.tile([0.0, 0.0, 0.9, 0.0], (COUNT, 1)), postures)
         recording = fitted(places, neutral="vertical")

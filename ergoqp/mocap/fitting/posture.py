@@ -167,8 +167,10 @@ _NEARLY_ALL: Final = 0.9
 """Share of the frames in which a forearm beyond its range shows that its markers are others."""
 _TOE: Final = 0.01
 """Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
-_STRAIGHT: Final = np.radians(20.0)
-"""Bend of an elbow up to which the arm shows no rotation [rad].
+_NOTHING: Final = np.radians(10.0)
+"""Bend of an elbow up to which the arm shows nothing of its rotation [rad]."""
+STRAIGHT: Final = np.radians(20.0)
+"""Bend of an elbow up to which it is not certain [rad].
 
 The forearms of adults point outward by a carrying angle of 10 to 15 deg. At this bend, one of 10
 deg looks as if the upper arm was rotated by 30 deg.
@@ -222,8 +224,7 @@ def arm_angles(
     abduction = near(np.arctan2(out * aside, along), lower[1], upper[1])
     held = np.stack([flexion, np.clip(filled(abduction, time), lower[1], upper[1])], axis=1)
     turn = near(_turn(forearm, held, out), lower[2], upper[2])
-    bent = bend > _STRAIGHT
-    turn = steady(turn, np.where(bent, shows[:, 2], 0.0), time, leaps)
+    turn = steady(turn, np.where(bend > _NOTHING, shows[:, 2], 0.0), time, leaps)
     rotation = np.clip(turn, lower[2], upper[2])
     elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
 
@@ -237,7 +238,7 @@ def arm_angles(
     }
     told |= dict.fromkeys(("shoulder_flexion", "shoulder_abduction"), np.isfinite(up))
     # A straight arm does not show how it is rotated.
-    told |= {"elbow_flexion": np.isfinite(bend), "shoulder_rotation": bent}
+    told |= {"elbow_flexion": np.isfinite(bend), "shoulder_rotation": bend > STRAIGHT}
     return angles, told, second
 
 

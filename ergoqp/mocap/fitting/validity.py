@@ -266,6 +266,8 @@ _CENTRES: Final = {
     },
 }
 """Centre on which scored angles depend -> their joints."""
+_BENT: Final = ("shoulder_flexion", "shoulder_abduction", "elbow_flexion")
+"""Joints up to the forearm; an arm that does not show its rotation hardly moves with it."""
 _CHAINS: Final = {
     "neck": ("trunk_flexion",),
     **dict.fromkeys(("head", "head_top", "nose"), ("trunk_flexion", "neck_flexion")),
@@ -275,9 +277,9 @@ _CHAINS: Final = {
         for centre, own, needed in (
             ("shoulder", ("trunk_twist",), ()),
             ("elbow", ("trunk_twist",), _ARM[:2]),
-            ("wrist", ("trunk_twist",), _ARM[:4]),
-            ("knuckles", ("trunk_twist",), _ARM[:4]),
-            ("thumb", ("trunk_twist",), _ARM[:5]),
+            ("wrist", ("trunk_twist",), _BENT),
+            ("knuckles", ("trunk_twist",), _BENT),
+            ("thumb", ("trunk_twist",), (*_BENT, "forearm_pronation")),
             ("knee", (), LEG[:2]),
             ("ankle", (), LEG[:4]),
             ("toe", (), LEG[:4]),
