@@ -111,7 +111,8 @@ class RecordingOptions:
         option(
             "WHAT",
             "What is right although it looks impossible: names (of markers), sides (left and"
-            " right), angles (unit and sign of the file's own); several with commas.",
+            " right), angles (unit and sign of the file's own), neutral (the other recording),"
+            " precision (of the coordinates); several with commas.",
         ),
     ] = None
 

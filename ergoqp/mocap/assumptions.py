@@ -172,65 +172,52 @@ def windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
 
 _SIMILAR: Final = math.log(1.15)
 """Largest log ratio of a segment's proportions between two recordings of the same person."""
-_STANDS: Final = math.radians(12)
-"""Largest lean of the straight legs of a person who stands [rad]."""
+_STANDS: Final = 12.0
+"""Largest lean of the straight legs of a person who stands [deg]."""
 
 
-def check_same_person(
-    where: str, own: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], unit: float | None
-) -> None:
-    """Raise if the skeletons of two recordings have different proportions.
+def other_proportions(
+    own: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], unit: float | None
+) -> str:
+    """Return how the skeletons of two recordings differ in proportions; empty if they are alike.
 
     Args:
-        where: the recording's name, for messages.
         own: centre -> positions (n, 3) [m].
         other: the same of the other recording, in its unit.
         unit: that unit [m]; None if it is unknown.
-
-    Raises:
-        RecordingError: if they differ, with the segment that differs most.
     """
     mine, theirs = measured_lengths(own), measured_lengths(other)
     both = [name for name in mine if name in theirs]
     if len(both) < 3:
-        return
+        return ""
     ratios = np.array([math.log(theirs[name] / mine[name]) for name in both])
     off = np.abs(ratios - np.median(ratios))
     # One segment may be measured badly in one of the recordings.
     if np.sort(off)[-2] <= _SIMILAR:
-        return
+        return ""
     worst = both[int(np.argmax(off))]
     sizes = f"{100 * (math.exp(off.max()) - 1):.0f} % off"
     if unit is not None:
         sizes += f": {mine[worst]:.2f} m here, {unit * theirs[worst]:.2f} m there"
-    raise RecordingError(
-        f"{where}: neutral: got a skeleton with other proportions ({worst.replace('_', ' ')}"
-        f" {sizes}), allowed that of the same person, a time of this recording, or vertical"
-    )
+    return f"a skeleton with other proportions ({worst.replace('_', ' ')} {sizes})"
 
 
-def check_stands(where: str, places: Mapping[str, np.ndarray]) -> None:
-    """Raise if the straight legs of another recording are not vertical.
+def leaning_legs(places: Mapping[str, np.ndarray]) -> str:
+    """Return how far straight legs lean in another recording; empty if they are vertical.
+
+    If they are not, the person leans as a whole there, or the camera's tilt is another.
 
     Args:
-        where: the recording's name, for messages.
         places: centre -> positions (n, 3), along our axes as they are in the first recording.
-
-    Raises:
-        RecordingError: if they are not: the person leans as a whole there, or the camera's tilt is
-            another.
     """
     stands, legs = stands_straight(places), leg_of(places)
     if legs is None or not stands.any():
-        return
+        return ""
     leg = np.nanmedian(legs[stands], axis=0)
-    angle = math.acos(float(np.clip(leg[2] / np.linalg.norm(leg), -1, 1)))
-    if angle > _STANDS:
-        raise RecordingError(
-            f"{where}: neutral: got a recording in which straight legs lean by"
-            f" {math.degrees(angle):.0f} deg to this one's vertical axis, allowed one with the same"
-            " camera and the same axes"
-        )
+    angle = math.degrees(math.acos(float(np.clip(leg[2] / np.linalg.norm(leg), -1, 1))))
+    if angle <= _STANDS:
+        return ""
+    return f"a recording in which straight legs lean by {angle:.0f} deg to this one's vertical axis"
 
 
 _SAMPLE: Final = 10_000
@@ -313,17 +300,31 @@ def straight_of(
         time: times of the frames (n,) [s].
         reading: options for reading the recording.
         skin: whether the centres are those of markers on the skin.
+
+    Raises:
+        RecordingError: if the stated recording looks like one of somebody else or of another
+            camera, and is not trusted.
+        InputError: if the stated time is not in the recording.
     """
     stated = reading.neutral
     if stated == "vertical":
         return None
     if isinstance(stated, JointMotion):
         trial = joints_of(stated, f"{where}: neutral", replace(reading, body=None))
-        check_same_person(where, world, trial.paths, trial.unit)
         there = {centre: path @ axes.T for centre, path in trial.paths.items()}
-        check_stands(where, there)
-        every = np.ones(len(stated.time), dtype=bool)
-        return stated_neutral(there, every, "in the recording that is stated to be neutral")
+        unlike = other_proportions(world, trial.paths, trial.unit)
+        allowed = "that of the same person, a time of this recording, or vertical"
+        if not unlike:
+            unlike, allowed = leaning_legs(there), "one with the same camera and the same axes"
+        when = "in the recording that is stated to be neutral"
+        if unlike and "neutral" not in reading.trust:
+            raise RecordingError(
+                f"{where}: neutral: got {unlike}, allowed {allowed}; if it is right, state that"
+                " (trust neutral)"
+            )
+        if unlike:
+            when = f"{when} (trusted, although it is {unlike})"
+        return stated_neutral(there, np.ones(len(stated.time), dtype=bool), when)
     if isinstance(stated, float):
         if not time[0] <= stated <= time[-1]:
             raise InputError(

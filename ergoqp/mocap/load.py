@@ -99,11 +99,13 @@ def recording_of(
     stature = suggested_stature(lengths)
     unit = found.unit or unit_by_stature(where, stature, assumptions)
     if exact * unit > _EXACT:
-        raise RecordingError(
-            f"{where}: got coordinates so far from the origin that they are exact to"
-            f" {1000 * exact * unit:.0f} mm only, allowed coordinates with the origin near the"
-            " person"
-        )
+        far = f"so far from the origin that they are exact to {1000 * exact * unit:.0f} mm only"
+        if "precision" not in reading.trust:
+            raise RecordingError(
+                f"{where}: got coordinates {far}, allowed coordinates with the origin near the"
+                " person; if that is enough, state it (trust precision)"
+            )
+        assumptions.append(f"The coordinates are {far}; they are used as stated (trust precision).")
     axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
     held = held_object(where, motion.objects, reading.thing, axes, centres, assumptions)
     read = with_objects(found.read, motion.objects, None if held is None else held[0])
@@ -309,7 +311,7 @@ def _poses(pelvis: np.ndarray) -> np.ndarray:
     return poses
 
 
-TRUSTED: Final = ("names", "sides", "angles")
+TRUSTED: Final = ("names", "sides", "angles", "neutral", "precision")
 """What `load_recording` can be told to trust."""
 _READ: Final = 0.6
 """Share of the progress at which the file is read."""
@@ -359,8 +361,9 @@ def load_recording(
             file's own times.
         trust: what is right although it looks impossible, of `TRUSTED`: ``"names"`` (markers are
             where their names say), ``"sides"`` (left and right are as named), ``"angles"`` (unit
-            and sign of the file's own angles). Such a file is read, and a sentence says what
-            looked impossible.
+            and sign of the file's own angles), ``"neutral"`` (the stated recording shows the same
+            person upright, by the same camera), ``"precision"`` (coordinates far from the origin
+            are exact enough). Such a file is read, and a sentence says what looked impossible.
         progress: is called with the share that is done.
 
     Returns:

@@ -46,7 +46,8 @@ def test_somebody_else(work: Path, tmp_path: Path) -> None:
     other = table(tmp_path / "other.csv", standing(Body(lengths=BODY.lengths | lengths)))
     words = (
         r"work.csv: neutral: got a skeleton with other proportions \([a-z ]* [0-9]+ % off{}\),"
-        r" allowed that of the same person, a time of this recording, or vertical$"
+        r" allowed that of the same person, a time of this recording, or vertical; if it is right,"
+        r" state that \(trust neutral\)$"
     )
     with pytest.raises(RecordingError, match=words.format("")):
         load_recording(work, up="z", neutral=other)
@@ -54,6 +55,10 @@ def test_somebody_else(work: Path, tmp_path: Path) -> None:
     sizes = r": 0\.[0-9]{2} m here, 0\.[0-9]{2} m there"
     with pytest.raises(RecordingError, match=words.format(sizes)):
         load_recording(work, up="z", neutral=other, unit_to_m=1.0)
+    trusted = load_recording(work, up="z", neutral=other, trust=["neutral"])
+    assert "(trusted, although it is a skeleton with other proportions" in " ".join(
+        trusted.assumptions
+    )
 
 
 @pytest.mark.parametrize(("tilt", "fine"), [(8.0, True), (20.0, False)])
@@ -64,9 +69,11 @@ def test_another_camera(work: Path, tmp_path: Path, tilt: float, fine: bool) -> 
         load_recording(work, up="z", neutral=other)
         return
     with pytest.raises(
-        RecordingError, match="neutral: got a recording in which straight legs lean"
+        RecordingError,
+        match=r"straight legs lean by 20 deg .*same camera and the same axes; .*\(trust neutral\)",
     ):
         load_recording(work, up="z", neutral=other)
+    load_recording(work, up="z", neutral=other, trust=["neutral"])
 
 
 def test_somebody_who_sits(work: Path, tmp_path: Path) -> None:

@@ -342,4 +342,7 @@ def test_far_from_the_origin_numbers_are_not_exact(work: Places) -> None:
         RecordingError, match="they are exact to 8 mm only, allowed coordinates with"
     ):
         recording_of(motion, "a", ReadOptions(unit=1.0, up="z"))
+    trusting = ReadOptions(unit=1.0, up="z", trust=frozenset({"precision"}))
+    trusted = recording_of(motion, "a", trusting)
+    assert "exact to 8 mm only; they are used as stated" in " ".join(trusted.assumptions)
     recording_of(replace(motion, positions=far.astype(float)), "a", ReadOptions(unit=1.0, up="z"))
