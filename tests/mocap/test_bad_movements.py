@@ -258,7 +258,7 @@ def test_a_neck_far_from_its_place_is_wrong_and_a_shrug_is_not(work: Places, shr
     if shrugs:
         for side in SIDES:
             for centre in ("shoulder", "elbow", "wrist"):
-                work[f"{side}_{centre}"][565:600] += [0.04, 0.0, 0.05]
+                work[f"{side}_{centre}"][565:600] += [0.02, 0.0, 0.10]
     else:
         work["neck"][565:600] += [0.09, 0.0, -0.06]
     recording, trunk = fitted(work), INDEX["trunk_flexion"]
