@@ -8,6 +8,7 @@ from typing import Final, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import unmasked
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.sheets.description import TIE
@@ -22,7 +23,8 @@ _SAME: Final = 2e-6
 def read_postures(postures: ArrayLike, name: str = "postures") -> NDArray[np.float64]:
     """Return postures as a read-only array of shape (n, 32) [rad] that no other code can write to.
 
-    32-bit numbers are rounded to the nearest 0.0001 deg, so that 60 deg are 60 deg.
+    32-bit numbers are rounded to the nearest 0.0001 deg, so that 60 deg are 60 deg. What is masked
+    is NaN.
 
     An array that already is read-only and owns its data is not copied: an hour of postures is
     110 MB.
@@ -35,7 +37,7 @@ def read_postures(postures: ArrayLike, name: str = "postures") -> NDArray[np.flo
         InputError: if they are not numbers of that shape.
     """
     try:
-        rows = postures if _is_final(postures) else np.array(postures, dtype=float, order="C")
+        rows = postures if _is_final(postures) else np.array(unmasked(postures), float, order="C")
         if rows is not postures and np.asarray(postures).dtype == np.float32:
             rows = np.radians(np.round(np.degrees(rows), _DECIMALS))
     except (TypeError, ValueError) as error:

@@ -23,7 +23,7 @@ def recording() -> Recording:
     poses = np.tile(np.eye(4), (count, 1, 1))
     error = np.zeros(count)
     found = Recording(time, postures, poses, observed, error, None, (), Body())
-    return replace(found, spans=spans_of(postures, observed, time))
+    return replace(found, spans=spans_of(postures, observed, time)[0])
 
 
 @pytest.mark.parametrize(

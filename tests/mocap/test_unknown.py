@@ -29,7 +29,7 @@ TRUNK, NECK, ELBOW = (INDEX[f"{name}_flexion"] for name in ("trunk", "neck", "ri
 def ends_of(
     postures: np.ndarray, observed: np.ndarray, time: np.ndarray = TIME, doubt: Doubt | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    spans = spans_of(postures, observed, time, doubt)
+    spans, _ = spans_of(postures, observed, time, doubt)
     return with_spans(postures, spans, upper=False), with_spans(postures, spans, upper=True)
 
 

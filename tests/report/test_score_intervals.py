@@ -42,7 +42,7 @@ def partial():
         recording,
         postures=postures,
         observed=observed,
-        spans=spans_of(postures, observed, recording.time),
+        spans=spans_of(postures, observed, recording.time)[0],
         doubts={CAUSE: early},
     )
 

@@ -303,3 +303,13 @@ def test_the_worst_of_several_blocks_is_the_one_that_is_held_longest():
     bent = posture(trunk_flexion=70.0, neck_flexion=30.0)
     postures[100] = postures[3000:3006] = postures[4500:4503] = bent
     assert reba.assess(postures).worst() == 3000
+
+
+def test_what_is_masked_is_unknown() -> None:
+    hidden = np.ma.array(np.zeros(len(JOINTS)), mask=True)
+    found = reba.assess(np.zeros(len(JOINTS)), low=hidden, high=hidden)
+    unknown = np.full(len(JOINTS), np.nan)
+    assert (
+        found.final_high == reba.assess(np.zeros(len(JOINTS)), low=unknown, high=unknown).final_high
+    )
+    assert not reba.assess(hidden).valid.any()

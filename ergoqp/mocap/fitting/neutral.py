@@ -244,7 +244,7 @@ def neutral_of(
             return _neutral(when, least, found, skin)
     sentence = "No upright moment is found: the trunk is measured to the vertical"
     nod = max(float(np.nanmedian(neck)), 0.0) if np.isfinite(neck).any() else 0.0
-    if nod > 0:
+    if nod > math.radians(0.5):
         sentence += (
             f", and the neck to the trunk; as the neck leans forward by {math.degrees(nod):.0f} deg"
             " most of the time, its zero may be there, too"

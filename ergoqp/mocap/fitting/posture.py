@@ -167,6 +167,8 @@ _NEARLY_ALL: Final = 0.9
 """Share of the frames in which a forearm beyond its range shows that its markers are others."""
 _TOE: Final = 0.01
 """Weight of the foot in the thigh's rotation, relative to a knee that is bent by 90 degrees."""
+_OVER_STRAIGHT: Final = np.radians(25.0)
+"""Bend of a knee up to which it may be bent backward."""
 _NOTHING: Final = np.radians(10.0)
 """Bend of an elbow up to which the arm shows nothing of its rotation [rad]."""
 STRAIGHT: Final = np.radians(20.0)
@@ -272,6 +274,9 @@ def leg_angles(
     held = np.clip(held, lower[:2], upper[:2])
     # The shank determines the rotation of a bent leg, the foot that of a straight one.
     back, toes = _hanging(held, out).inv().apply(shank), _hanging(held, out).inv().apply(foot)
+    # A knee that is bent toward the toes is straight, or the thigh would be turned backward.
+    over = (bend < _OVER_STRAIGHT) & ((back * toes)[:, :2].sum(axis=1) > 0)
+    bend = np.where(over, 0.0, bend)
     ahead = -np.sin(bend)[:, None] * back[:, :2]
     ahead += np.nan_to_num(_TOE * np.maximum(np.cos(bend), 0)[:, None] * toes[:, :2])
     turn = np.arctan2(-out * ahead[:, 1], ahead[:, 0])
@@ -423,10 +428,11 @@ def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray, given: Collectio
     yaw = _unwrapped(_heading(place, time), time)
     pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
     upright = Rotation.from_euler("Z", yaw[:, None])
+    trunk, trunk_told, axes = _segment(
+        "trunk", upright, neck - hips, _across(place, "shoulder"), time
+    )
     # Without hips the heading is that of the shoulders, and says nothing of their twist.
-    hipped = np.isfinite(place["left_hip"] - place["right_hip"])
-    across = np.where(hipped, place["left_shoulder"] - place["right_shoulder"], np.nan)
-    trunk, trunk_told, axes = _segment("trunk", upright, neck - hips, across, time)
+    trunk_told["trunk_twist"] &= np.isfinite(_across(place, "hip")[:, 0])
     # The nose defines left: perpendicular to where it points.
     head = either(place["head_top"], place["head"])
     ahead = place["nose"] - either(place["head"], neck)
@@ -449,15 +455,20 @@ def _segment(
     x, y, z = below.inv().apply(along).T
     length = np.sqrt(x**2 + y**2 + z**2)
     bend = np.arcsin(np.clip(y / np.where(length > 0, length, np.nan), -1, 1))
-    angles = {f"{name}_flexion": np.arctan2(x, z), f"{name}_side_bend": bend}
-    angles = {joint: _within_range(joint, each, time) for joint, each in angles.items()}
-    axes = below * Rotation.from_euler("YX", np.stack(list(angles.values()), 1) * [1.0, -1.0])
+    lean = np.stack([filled(each, time) for each in (np.arctan2(x, z), bend)], axis=1)
+    axes = below * Rotation.from_euler("YX", lean * [1.0, -1.0])
     seen = np.isfinite(bend)
     x, y, _ = axes.inv().apply(left).T
     turned = np.where(seen & (np.hypot(x, y) > 0), np.arctan2(-x, y), np.nan)
-    twist = _within_range(f"{name}_twist", turned, time)
-    told = {joint: seen for joint in angles} | {f"{name}_twist": np.isfinite(turned)}
-    return angles | {f"{name}_twist": twist}, told, axes * Rotation.from_euler("Z", twist[:, None])
+    names = [f"{name}_{joint}" for joint in ("flexion", "side_bend", "twist")]
+    told = dict.fromkeys(names[:2], seen) | {names[2]: np.isfinite(turned)}
+    turned = filled(turned, time)
+    angles = {
+        joint: np.clip(each, LOWER[INDEX[joint]], UPPER[INDEX[joint]])
+        for joint, each in zip(names, (*lean.T, turned), strict=True)
+    }
+    # What hangs from the segment is measured in its own axes, even beyond the ranges.
+    return angles, told, axes * Rotation.from_euler("Z", turned[:, None])
 
 
 def _heading(place: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
@@ -468,7 +479,7 @@ def _heading(place: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
     """
     yaw = np.full(len(time), np.nan)
     for pair in _PAIRS:
-        left = place[f"left_{pair}"] - place[f"right_{pair}"]
+        left = _across(place, pair)
         far = away_from(np.isfinite(yaw), time) > NEAR
         yaw = np.where(far, np.arctan2(-left[:, 0], left[:, 1]), yaw)
     return yaw
@@ -482,8 +493,9 @@ def _unwrapped(yaw: np.ndarray, time: np.ndarray) -> np.ndarray:
     return filled(whole, time)
 
 
-def _within_range(joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
-    return np.clip(filled(angles, time), LOWER[INDEX[joint]], UPPER[INDEX[joint]])
+def _across(place: Mapping[str, np.ndarray], pair: str) -> np.ndarray:
+    """Return the vectors from the right centre of a pair to the left one (n, 3)."""
+    return place[f"left_{pair}"] - place[f"right_{pair}"]
 
 
 _SHOULDER: Final = ("flexion", "abduction", "rotation")
@@ -584,11 +596,10 @@ def fit(
         progress(stop / count)
     apart = pieces_of(places, time)
     lost = without_trunk(whole.observed, apart)
-    return replace(
-        whole,
-        not_scored={"trunk not seen": lost} if lost.any() else {},
-        spans=spans_of(whole.postures, whole.observed, apart, doubt),
-    )
+    both = [np.isfinite(_across(every_centre(places), pair)[:, 0]) for pair in ("hip", "shoulder")]
+    spans, told = spans_of(whole.postures, whole.observed, apart, doubt, (both[0], both[1]))
+    not_scored = {"trunk not seen": lost} if lost.any() else {}
+    return replace(whole, not_scored=not_scored, spans=spans, observed=told)
 
 
 def _fitted(
@@ -628,8 +639,9 @@ def _fitted(
             told |= {f"{side}_{joint}": each for joint, each in seen.items()}
     postures = np.stack([angles[joint] for joint in JOINTS], axis=1)
     observed = np.stack([told[joint] for joint in JOINTS], axis=1)
-    # An arm is measured from the trunk.
+    # Arms and neck are measured from the trunk.
     held = [INDEX[f"{side}_shoulder_{joint}"] for side in SIDES for joint in _SHOULDER]
+    held += [INDEX[f"neck_{joint}"] for joint in ("flexion", "side_bend", "twist")]
     lost = ~spine.told["trunk_flexion"]
     if lost.any():
         for joint in held:

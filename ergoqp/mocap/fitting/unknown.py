@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.mocap.fitting.coupled import TURNS, TWIST, by_pronation, by_rotation, by_twist
 
 NEAR: Final = 1.0
 """Time from an angle that is seen after which nothing is known of it any more [s]."""
@@ -25,8 +26,6 @@ FASTEST: Final = 12.0
 """Largest speed of a part of the body at work [m/s]."""
 _PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
-_TURNS: Final = 18
-"""Number of pronations that are tried."""
 _EXTREME: Final = 0.98
 """Share of the angles that are seen beyond which one is at the end of them."""
 _WIDE: Final = np.radians(1.0)
@@ -37,6 +36,14 @@ _FREE: Final = 0.25
 """Time in which an angle may move through its whole range if its movements are not measured [s]."""
 _ASIDE: Final = np.radians(20.0)
 """Change of an arm's flexion above which its direction hardly shows it."""
+_KEPT: Final = 0.1
+"""Time in which a body whose hips and shoulders are lost has not turned [s]."""
+_TOLD: Final = np.radians(10.0)
+"""Distance between the ends of an angle up to which it is determined, if it depends on others."""
+_SAME: Final = 0.3
+"""Share by which a time between two frames may be longer than one of these."""
+_TICK: Final = 1e-4
+"""Difference of equal times, which are rounded in files [s]."""
 _SAMPLE: Final = 4000
 """Number of movements that are measured, about."""
 
@@ -65,21 +72,31 @@ class Doubt:
 
 
 def spans_of(
-    postures: np.ndarray, observed: np.ndarray, time: np.ndarray, doubt: Doubt | None = None
-) -> Spans:
-    """Return the ends of every angle that is not known at every moment.
+    postures: np.ndarray,
+    observed: np.ndarray,
+    time: np.ndarray,
+    doubt: Doubt | None = None,
+    pairs: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[Spans, np.ndarray]:
+    """Return the ends of every angle that is not known at every moment, and which are known.
+
+    The latter (n, 32) are those that are seen, without those that depend on others that are not.
 
     Args:
         postures: joint angles (n, 32) [rad].
         observed: which of them are seen (n, 32) bool.
         time: times of the frames (n,) [s].
         doubt: how far those that are seen may be off.
+        pairs: frames in which both hips are seen, and those with both shoulders, each (n,) bool;
+            None: all.
     """
     found: Spans = {}
+    told = observed.copy()
     changes = {} if doubt is None else changes_by(postures, doubt, time)
     others = () if doubt is None else doubt.others
-    hands = _turned_hands(postures, observed)
-    for joint in range(len(JOINTS)):
+    parts, hands = {}, by_pronation(postures, observed)
+    # What depends on others comes after them.
+    for joint in sorted(range(len(JOINTS)), key=lambda each: (each != TWIST, each not in TURNS)):
         low = high = angles = postures[:, joint]
         for other in others:
             low, high = np.minimum(low, other[:, joint]), np.maximum(high, other[:, joint])
@@ -90,13 +107,26 @@ def spans_of(
             seen = observed[:, joint]
             ends = _unseen(angles, seen, time, float(LOWER[joint]), float(UPPER[joint]))
             low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
-        if joint in hands:
-            low, high = np.minimum(low, hands[joint][0]), np.maximum(high, hands[joint][1])
+        for rows, least, most in [hands[joint]] if joint in hands else parts.pop(joint, ()):
+            low, high = low.copy(), high.copy()
+            low[rows], high[rows] = np.minimum(low[rows], least), np.maximum(high[rows], most)
+            if joint not in hands:
+                told[rows[most - least > _TOLD], joint] = False
         frames = np.flatnonzero(low < high).astype(np.int32)
-        if len(frames):
-            low, high = (end[frames].astype(np.float32) for end in (low, high))
-            found[joint] = (frames, low, high)
-    return found
+        if not len(frames):
+            continue
+        span = found[joint] = (
+            frames,
+            low[frames].astype(np.float32),
+            high[frames].astype(np.float32),
+        )
+        more = by_rotation(joint, span, postures, observed) if joint in TURNS else {}
+        if joint == TWIST and pairs is not None:
+            turned = away_from(pairs[0] | pairs[1], time) > _KEPT
+            more = by_twist(span, postures, observed, pairs, turned)
+        for other, part in more.items():
+            parts.setdefault(other, []).append(part)
+    return found, told
 
 
 def away_from(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -106,40 +136,6 @@ def away_from(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
         return np.full(len(time), np.inf)
     before, after = _neighbours(known, np.arange(len(time)))
     return np.minimum(np.abs(time - time[before]), np.abs(time[after] - time))
-
-
-def _turned_hands(postures: np.ndarray, observed: np.ndarray) -> dict[int, Ends]:
-    """Return the ends of the angles of wrists (n,) [rad] where the forearm's pronation is unknown.
-
-    The bend between forearm and hand is seen, and pronation shares it between flexion and
-    deviation.
-    """
-    found: dict[int, Ends] = {}
-    for side in SIDES:
-        pronation, flexion, deviation = (
-            INDEX[f"{side}_{joint}"]
-            for joint in ("forearm_pronation", "wrist_flexion", "wrist_deviation")
-        )
-        rows = np.flatnonzero(observed[:, flexion] & ~observed[:, pronation])
-        if not len(rows):
-            continue
-        read = postures[rows][:, [flexion, deviation]]
-        down = np.cos(read[:, 0]) * np.cos(read[:, 1])
-        ahead, aside = np.sin(read[:, 0]) * np.cos(read[:, 1]), np.sin(read[:, 1])
-        ends = [read.copy(), read.copy()]
-        for turn in np.linspace(LOWER[pronation], UPPER[pronation], _TURNS):
-            bent = np.arctan2(ahead * np.cos(turn) + aside * np.sin(turn), down)
-            out = np.arcsin(np.clip(aside * np.cos(turn) - ahead * np.sin(turn), -1, 1))
-            both = np.column_stack([bent, out])
-            # Nobody bends a wrist to the side by more than its range.
-            can = ((out >= LOWER[deviation]) & (out <= UPPER[deviation]))[:, None]
-            ends[0] = np.where(can, np.minimum(ends[0], both), ends[0])
-            ends[1] = np.where(can, np.maximum(ends[1], both), ends[1])
-        for k, joint in enumerate((flexion, deviation)):
-            low, high = postures[:, joint].copy(), postures[:, joint].copy()
-            low[rows], high[rows] = ends[0][:, k], ends[1][:, k]
-            found[joint] = low, high
-    return found
 
 
 def pieces_of(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
@@ -217,24 +213,27 @@ def _moves(
 
     First from where it was, then from the middle between where it was and where it will be.
     """
-    step = float(np.median(np.diff(time))) if len(time) > 1 else NEAR
     # Where single frames are lost, hardly any two at some distance are seen.
     seen = away_from(seen, time) < _HOLE
+    step = 1.01 * float(np.median(np.diff(time))) if len(time) > 1 else NEAR
+    every = np.flatnonzero(seen)
+    every = every[:: max(1, len(every) // _SAMPLE)]
     alone, across = [0.0], [0.0]
     for lag in _TIMES[1:]:
-        frames = max(1, round(lag / step))
         free = whole * min(1.0, lag / _FREE) ** 0.5
-        for found, ends in ((alone, (0, frames)), (across, (-frames, frames))):
-            told = seen.copy()
-            told[: -ends[0]] = False
-            told[max(len(told) - ends[1], 0) :] = False
+        for found, ends in ((alone, (0.0, lag)), (across, (-lag, lag))):
+            told, partners = np.ones(len(every), dtype=bool), []
             for end in ends:
-                told &= np.roll(seen, -end)
-            at = np.flatnonzero(told)
-            at = at[:: max(1, len(at) // _SAMPLE)]
-            moved = np.abs(angles[at] - (angles[at + ends[0]] + angles[at + ends[1]]) / 2)
+                # The frame at that time, or the next one beyond: rates may change.
+                then = time[every] + end
+                at = np.searchsorted(time, then - _TICK if end >= 0 else then + _TICK)
+                at = np.clip(at if end >= 0 else at - 1, 0, len(time) - 1)
+                beyond = (time[at] - then) * (1.0 if end >= 0 else -1.0)
+                told &= seen[at] & (beyond > -2 * _TICK) & (beyond < max(step, _SAME * lag))
+                partners.append(angles[at])
+            moved = np.abs(angles[every] - (partners[0] + partners[1]) / 2)[told]
             moved *= 2.0 if ends[0] == 0 else 1.0
-            found.append(float(np.quantile(moved, _MOST)) if len(at) >= _PAIRS else free)
+            found.append(float(np.quantile(moved, _MOST)) if len(moved) >= _PAIRS else free)
     return np.maximum.accumulate(alone).tolist(), np.maximum.accumulate(across).tolist()
 
 
