@@ -182,11 +182,13 @@ def test_nothing_of_a_persons_size(factor: float, work: Places) -> None:
 def test_who_bends_beyond_what_anybody_can_is_not_scored(
     joint: str, scored: float, lost: float, cause: str
 ) -> None:
-    for angle, expected in ((scored, []), (lost, [cause])):
+    for angle, beyond in ((scored, False), (lost, True)):
         postures = posture(4, **{joint: angle})
         places = centres_of(BODY, np.tile([0, 0, 0.9, 0], (4, 1)), postures)
         doubts = fitted(places, neutral="vertical").doubts
-        assert [each for each in doubts if "range" in each] == expected
+        # What hangs from a trunk beyond its range is elsewhere, too.
+        assert (cause in doubts) == beyond
+        assert any("range" in each for each in doubts) == beyond
 
 
 def test_a_bone_that_is_longer_for_a_while_is_not_scored(work: Places) -> None:

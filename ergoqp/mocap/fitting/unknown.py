@@ -110,7 +110,7 @@ def spans_of(
         for rows, least, most in [hands[joint]] if joint in hands else parts.pop(joint, ()):
             low, high = low.copy(), high.copy()
             low[rows], high[rows] = np.minimum(low[rows], least), np.maximum(high[rows], most)
-            if joint not in hands:
+            if joint not in hands and joint not in TURNS.values():
                 told[rows[most - least > _TOLD], joint] = False
         frames = np.flatnonzero(low < high).astype(np.int32)
         if not len(frames):
