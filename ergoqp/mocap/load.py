@@ -146,7 +146,8 @@ def recording_of(
         shift = shift_of(world, neutral.trunk) if neutral.trunk else None
         if shift is not None:
             along = {name: shift for name in markers if above_hips(landmarks[name])}
-        doubt = Doubt(neutral.nods, arms, _otherwise(neutral, body, world, time))
+        others = _otherwise(neutral, body, world, time)
+        doubt = Doubt(neck=neutral.nods, arms=arms, others=others)
         world = straightened(world, neutral.trunk, neutral.neck)
 
     world = _in_one_block(world)

@@ -120,7 +120,7 @@ def by_twist(
     found[twist] = _ends(twist, rows, postures, (postures[rows, twist] - turn for turn in turns))
     for side, out in zip(SIDES, (-1.0, 1.0), strict=True):
         joints = [INDEX[f"{side}_shoulder_{name}"] for name in ("flexion", "abduction", "rotation")]
-        arms = _turned_arms(postures[np.ix_(rows, joints)], turns, out)
+        arms = _turned_arms(postures[rows][:, joints], turns, out)
         for k, joint in enumerate(joints):
             found[joint] = _ends(joint, rows, postures, (each[:, k] for each in arms))
     return {joint: part for joint, part in found.items() if len(part[0])}
@@ -136,7 +136,8 @@ def _ends(joint: int, rows: np.ndarray, postures: np.ndarray, tried: Iterable[np
     low = high = postures[rows, joint]
     for other in tried:
         low, high = np.fmin(low, other), np.fmax(high, other)
-    return rows, *(np.clip(end, LOWER[joint], UPPER[joint]) for end in (low, high))
+    low, high = (np.clip(end, LOWER[joint], UPPER[joint]) for end in (low, high))
+    return rows, low, high
 
 
 def _leans(
@@ -167,11 +168,11 @@ def _turned_arms(read: np.ndarray, turns: Iterable[np.ndarray], out: float) -> l
     found = []
     for turn in turns:
         x, y, z = _about_up(arm, turn).T
-        one = np.stack([np.arctan2(x, -z), np.arcsin(np.clip(out * y, -1, 1))], axis=1)
-        ahead, aside = _axes(*one.T, out)
+        swung, raised = np.arctan2(x, -z), np.arcsin(np.clip(out * y, -1, 1))
+        ahead, aside = _axes(swung, raised, out)
         beyond = _about_up(bent, turn)
-        across = -out * (beyond * aside).sum(axis=1), (beyond * ahead).sum(axis=1)
-        one = np.column_stack([one, np.arctan2(*across)])
+        across, along = ((beyond * axis).sum(axis=1) for axis in (aside, ahead))
+        one = np.stack([swung, raised, np.arctan2(-out * across, along)], axis=1)
         # Of the two triples that give the same arm, the one that is nearer to what is read.
         near = [
             (each - read + np.pi) % (2 * np.pi) - np.pi

@@ -7,11 +7,6 @@ determined while the arm points straight to the side. The measured value is then
 angle is modelled as a random walk that is measured with a varying accuracy. Its mean given all
 measurements is the solution of a tridiagonal system.
 
-Choice between the two triples of shoulder angles that give the same arm. Flexion f, abduction a and
-rotation r give the same arm as f + 180, 180 - a and r + 180 degrees. The two triples meet where the
-arm points straight to the side. A movement keeps to one of them. Over the whole recording the
-sequence with the least change from frame to frame is chosen (Viterbi's algorithm).
-
 Angles of arms and legs from the directions of their bones, in closed form. A limb's first bone
 gives flexion and abduction of the joint that it hangs from. The next bone gives the rotation about
 the first and the bend between both. Directions are given in the axes of the segment that the limb
@@ -39,6 +34,15 @@ from scipy.spatial.transform import Rotation
 from ergoqp.arguments import Progress, unseen
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.mocap.fitting.standins import (
+    UsualPlaces,
+    hips_of,
+    neck_of,
+    neck_on,
+    off_by,
+    usual_places,
+)
+from ergoqp.mocap.fitting.triples import both_ways, chosen, near
 from ergoqp.mocap.fitting.unknown import NEAR, Doubt, Spans, away_from, pieces_of, spans_of
 from ergoqp.mocap.fitting.validity import (
     Usual,
@@ -49,116 +53,9 @@ from ergoqp.mocap.fitting.validity import (
     rms,
     steady,
     usual_lengths,
-    usual_neck,
     without_trunk,
 )
 from ergoqp.mocap.naming import CENTRES, centres_of, placed
-
-_TOLERANCE: Final = np.radians(20.0)
-"""Excess over the ranges that is free of cost, because people can reach it [rad]."""
-_IMPLAUSIBLE: Final = 10.0
-"""Cost of an angle beyond that, per second [1/s]."""
-_LEAST: Final = 0.1
-"""Smallest weight of a change of the flexion, even where the flexion is not determined."""
-_HANGS: Final = np.radians(60.0)
-"""Elevation of an arm below which it is never read by an abduction above 90 degrees [rad]."""
-_NEVER: Final = 1e6
-"""Cost of what cannot be."""
-_OVER: Final = 0.6
-"""Cost of a start with an abduction above 90 degrees [rad]."""
-_GAP: Final = 0.5
-"""Duration of a gap after which the sequence begins anew [s]."""
-
-
-def both_ways(
-    angles: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return both triples of angles (n, 3) [rad], shifted by whole turns towards their ranges.
-
-    Args:
-        angles: flexion, abduction within 90 degrees of zero, and rotation (n, 3) [rad].
-        lower: lower ends of the ranges (3,) [rad].
-        upper: upper ends of the ranges (3,) [rad].
-    """
-    other = np.pi + angles * np.array([1.0, -1.0, 1.0])
-    return near(angles, lower, upper), near(other, lower, upper)
-
-
-def near(angles: np.ndarray, lower: np.ndarray | float, upper: np.ndarray | float) -> np.ndarray:
-    """Return angles, shifted by whole turns to be nearest to the middle of a range [rad]."""
-    middle = (lower + upper) / 2
-    return middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi
-
-
-def chosen(
-    pair: tuple[np.ndarray, np.ndarray],
-    shows: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    time: np.ndarray,
-    begin: bool | None = None,
-) -> np.ndarray:
-    """Return the frames in which the second of two triples of angles is chosen (n,) bool.
-
-    Args:
-        pair: the triples (n, 3) [rad], see `both_ways`; NaN where the arm is not seen.
-        shows: how well flexion, abduction and rotation are determined (n, 3), 0 to 1.
-        lower: lower ends of the ranges (3,) [rad].
-        upper: upper ends of the ranges (3,) [rad].
-        time: times of the frames (n,) [s].
-        begin: whether the second triple is chosen at first; None: unknown.
-    """
-    seen = np.flatnonzero(np.isfinite(pair[0][:, :2]).all(axis=1))
-    if not len(seen):
-        return np.zeros(len(time), dtype=bool)
-    both = np.stack([np.nan_to_num(each[seen]) for each in pair])
-    told, at = shows[seen], time[seen]
-    beyond = np.maximum(lower - both, both - upper).clip(0)
-    since = np.diff(at, prepend=-np.inf)[:, None]
-    here = _IMPLAUSIBLE * np.minimum(since, 0.1) * (beyond - _TOLERANCE).clip(0) * told
-    # After a gap, angles within the ranges and an arm that is lifted forward are preferred.
-    anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
-    cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
-    if begin is not None:
-        cost[0 if begin else 1, 0] += _NEVER
-    # The second triple raises an arm over its side: it says nothing of one that hangs.
-    height = np.cos(both[0, :, 0]) * np.cos(both[0, :, 1])
-    cost[1] += np.where(height > np.cos(_HANGS), 2 * _NEVER, 0.0)
-    weight = np.minimum(told[1:], told[:-1])
-    weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
-    # From each triple of a frame to each of the next one.
-    way = (weight * np.abs(both[:, 1:] - both[:, None, :-1])).sum(axis=3)
-    way[:, :, since[1:, 0] > _GAP] = 0.0
-    # While an arm is not seen, it keeps the triple of the last frame in which it was seen.
-    before = np.searchsorted(seen, np.arange(len(time)), side="right") - 1
-    return _least(cost, way)[np.maximum(before, 0)]
-
-
-def _least(here: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Return the sequence of two states with the least cost (k,) bool.
-
-    Args:
-        here: cost of each state in each frame (2, k).
-        way: cost of each change, from state to state (2, 2, k - 1).
-    """
-    first, second = here[:, 0].tolist()
-    came = []
-    for (cost, beyond), (stay, leave, back, keep) in zip(
-        here.T[1:].tolist(), way.reshape(4, -1).T.tolist(), strict=True
-    ):
-        origin = (first + stay > second + back, first + leave > second + keep)
-        came.append(origin)
-        first, second = (
-            cost + min(first + stay, second + back),
-            beyond + min(first + leave, second + keep),
-        )
-    state = second < first
-    states = [state]
-    for origin in reversed(came):
-        state = origin[state]
-        states.append(state)
-    return np.array(states[::-1])
-
 
 Angles = dict[str, np.ndarray]
 """Joint, without its side -> angles (n,) [rad], or whether they are determined (n,) bool."""
@@ -192,7 +89,7 @@ def arm_angles(
 ) -> tuple[Angles, Angles, np.ndarray]:
     """Return the angles of an arm, which of them are determined, and which triple is chosen.
 
-    The latter two are (n,) bool; for the last see `ergoqp.mocap.fitting.posture`.
+    The latter two are (n,) bool; for the last see `ergoqp.mocap.fitting.triples`.
 
     Args:
         side: ``right`` or ``left``.
@@ -414,18 +311,23 @@ class Spine:
     trunk: Rotation
 
 
-def spine_of(place: Mapping[str, np.ndarray], time: np.ndarray, given: Collection[str]) -> Spine:
+def spine_of(
+    place: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    given: Collection[str],
+    usually: UsualPlaces,
+) -> Spine:
     """Return pelvis, trunk and neck.
 
     Args:
         place: every centre -> positions (n, 3) [m], NaN where not seen.
         time: times of the frames (n,) [s].
         given: centres that are seen at some time of the recording, of which this may be a part.
+        usually: where both ends of the trunk usually are.
     """
-    hips = either((place["right_hip"] + place["left_hip"]) / 2, place["pelvis"])
-    shoulders = (place["right_shoulder"] + place["left_shoulder"]) / 2
-    neck = either(place["neck"], shoulders)
     yaw = _unwrapped(_heading(place, time), time)
+    hips = hips_of(place, yaw, usually)
+    neck = neck_of(place, hips, usually)
     pelvis = np.column_stack([*(filled(each, time) for each in hips.T), yaw])
     upright = Rotation.from_euler("Z", yaw[:, None])
     trunk, trunk_told, axes = _segment(
@@ -461,7 +363,7 @@ def _segment(
     x, y, _ = axes.inv().apply(left).T
     turned = np.where(seen & (np.hypot(x, y) > 0), np.arctan2(-x, y), np.nan)
     names = [f"{name}_{joint}" for joint in ("flexion", "side_bend", "twist")]
-    told = dict.fromkeys(names[:2], seen) | {names[2]: np.isfinite(turned)}
+    told = dict(zip(names, (seen, seen, np.isfinite(turned)), strict=True))
     turned = filled(turned, time)
     angles = {
         joint: np.clip(each, LOWER[INDEX[joint]], UPPER[INDEX[joint]])
@@ -560,7 +462,8 @@ def fit(
         progress: is called with the share of the frames that is done.
         doubt: how far the angles of the centres may be from those of the person.
     """
-    count, usual, neck = len(time), usual_lengths(places), usual_neck(places)
+    every = every_centre(places)
+    count, usual, usually = len(time), usual_lengths(places), usual_places(every)
     whole = Fit(
         np.empty((count, 4)),
         np.empty((count, len(JOINTS))),
@@ -581,7 +484,7 @@ def fit(
             seen = whole.observed[first:start, INDEX[f"{side}_shoulder_flexion"]]
             if seen.any():
                 begin[side] = bool(ways[first + int(np.argmax(seen))])
-        part, second = _fitted(body, near, time[first:last], begin, usual, neck)
+        part, second = _fitted(body, near, time[first:last], begin, usual, usually)
         here, rows = slice(start - first, stop - first), slice(start, stop)
         for side, ways in second.items():
             over.setdefault(side, np.zeros(count, dtype=bool))[rows] = ways[here]
@@ -596,8 +499,9 @@ def fit(
         progress(stop / count)
     apart = pieces_of(places, time)
     lost = without_trunk(whole.observed, apart)
-    both = [np.isfinite(_across(every_centre(places), pair)[:, 0]) for pair in ("hip", "shoulder")]
-    spans, told = spans_of(whole.postures, whole.observed, apart, doubt, (both[0], both[1]))
+    hips, shoulders = (np.isfinite(_across(every, pair)[:, 0]) for pair in ("hip", "shoulder"))
+    doubt = replace(doubt or Doubt(), trunk=off_by(every, usually))
+    spans, told = spans_of(whole.postures, whole.observed, apart, doubt, (hips, shoulders))
     not_scored = {"trunk not seen": lost} if lost.any() else {}
     return replace(whole, not_scored=not_scored, spans=spans, observed=told)
 
@@ -608,11 +512,11 @@ def _fitted(
     time: np.ndarray,
     begin: Mapping[str, bool],
     usual: Mapping[str, Usual],
-    neck: np.ndarray,
+    usually: UsualPlaces,
 ) -> tuple[Fit, dict[str, np.ndarray]]:
     """Return the fit of some frames, and side -> frames with the second triple of angles (n,)."""
     place = every_centre(places)
-    spine = spine_of(place, time, places)
+    spine = spine_of(place, time, places, usually)
     angles, told, second = dict(spine.angles), dict(spine.told), {}
     into_trunk, into_pelvis = spine.trunk.inv(), spine.upright.inv()
     for side in SIDES:
@@ -655,7 +559,8 @@ def _fitted(
     }
     errors = placed_by_body(errors, observed)
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes, wrong = doubtful(places, fitted, errors, usual, neck, time)
+    moved = (neck_on(place) - usually.neck)[:, :2]
+    causes, wrong = doubtful(places, fitted, errors, usual, moved, time)
     for joint in np.flatnonzero((wrong & observed).any(axis=0)):
         observed[:, joint] &= ~wrong[:, joint]
         postures[:, joint] = _between(postures[:, joint], observed[:, joint], time)

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.coupled import TURNS, TWIST, by_pronation, by_rotation, by_twist
 
 NEAR: Final = 1.0
@@ -38,6 +38,12 @@ _ASIDE: Final = np.radians(20.0)
 """Change of an arm's flexion above which its direction hardly shows it."""
 _KEPT: Final = 0.1
 """Time in which a body whose hips and shoulders are lost has not turned [s]."""
+_ARMS: Final = tuple(f"{side}_upper_arm" for side in SIDES)
+_LEANS: Final = tuple(
+    INDEX[f"{segment}_{joint}"]
+    for segment in ("trunk", "neck")
+    for joint in ("flexion", "side_bend")
+)
 _TOLD: Final = np.radians(10.0)
 """Distance between the ends of an angle up to which it is determined, if it depends on others."""
 _SAME: Final = 0.3
@@ -61,12 +67,14 @@ class Doubt:
 
     Attributes:
         neck: lowest and highest change of the neck's flexion [rad].
+        trunk: largest angle between the trunk and the recorded one (n,) [rad]; None: zero.
         arms: ``right_upper_arm``, ``left_upper_arm`` -> largest angle between the arm and the
             recorded one (n,) [rad].
         others: other postures that the recording may show (n, 32) [rad].
     """
 
     neck: tuple[float, float] = (0.0, 0.0)
+    trunk: np.ndarray | None = None
     arms: Mapping[str, np.ndarray] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
 
@@ -242,8 +250,16 @@ def changes_by(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int
     found, count = {}, len(postures)
     if doubt.neck[0] < doubt.neck[1]:
         found[INDEX["neck_flexion"]] = tuple(np.full(count, end) for end in doubt.neck)
-    for arm, half in doubt.arms.items():
-        side, off = arm.partition("_")[0], half.astype(float)
+    trunk, arms = np.zeros(count), dict(doubt.arms)
+    if doubt.trunk is not None and doubt.trunk.any():
+        # What hangs from the trunk is measured from it.
+        trunk = doubt.trunk.astype(float)
+        arms = {arm: arms.get(arm, np.zeros(count)) for arm in _ARMS}
+        for joint in _LEANS:
+            least, most = found.get(joint, (0.0, 0.0))
+            found[joint] = least - trunk, most + trunk
+    for arm, half in arms.items():
+        side, off = arm.partition("_")[0], np.hypot(half.astype(float), trunk)
         flexion, abduction, rotation, elbow = (
             INDEX[f"{side}_{joint}"]
             for joint in (

@@ -184,9 +184,6 @@ _USUALLY: Final = 6.0
 """Factor on its usual variation by which another bone may be longer or shorter."""
 _MOST: Final = 0.3
 """Largest share by which any bone may be longer or shorter."""
-_SAMPLE: Final = 8192
-"""Number of frames of a long recording that show where the neck usually is, about."""
-_SHOULDERS: Final = ("right_shoulder", "left_shoulder")
 _POOR: Final = 0.10
 """Largest distance between body and recording, RMS over the centres [m]."""
 _ASTRAY: Final = 0.20
@@ -325,44 +322,6 @@ def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
     return found
 
 
-def neck_on(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where the base of the neck is on the shoulders (n, 2); NaN: not seen.
-
-    It is given ahead of the middle of the shoulders and to the left, as a share of the distance
-    from the hips. These axes are those of hips and shoulders, so an error of the neck does not turn
-    them.
-
-    Args:
-        places: centre -> positions (n, 3) [m], NaN where not seen.
-    """
-    places = _with_middles(places)
-    if not {"neck", "hips", *_SHOULDERS} <= set(places):
-        return np.full((len(next(iter(places.values()))), 2), np.nan)
-    right, left = (places[shoulder].astype(float) for shoulder in _SHOULDERS)
-    middle = (right + left) / 2
-    up, aside = middle - places["hips"], left - right
-    ahead = np.cross(aside, up)
-    axes = np.stack([ahead, np.cross(up, ahead)], axis=1)
-    length = np.linalg.norm(axes, axis=2) * np.linalg.norm(up, axis=1, keepdims=True)
-    along = np.einsum("nij,nj->ni", axes, places["neck"] - middle)
-    return along / np.where(length > 0, length, np.nan)
-
-
-def usual_neck(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where the base of the neck usually is on the shoulders (2,), as `neck_on`.
-
-    It is NaN if that is never seen.
-
-    Args:
-        places: centre -> positions (n, 3) [m], NaN where not seen.
-    """
-    count = len(next(iter(places.values())))
-    some = slice(None, None, 1 + count // _SAMPLE)
-    between = neck_on({centre: path[some] for centre, path in places.items()})
-    seen = np.isfinite(between).all(axis=1)
-    return np.median(between[seen], axis=0) if seen.any() else np.full(2, np.nan)
-
-
 def placed_by_body(errors: Mapping[str, np.ndarray], observed: np.ndarray) -> dict[str, np.ndarray]:
     """Return the distances of centres (n,) [m], NaN where an angle on the way there is not seen.
 
@@ -384,7 +343,7 @@ def doubtful(
     fitted: Mapping[str, np.ndarray],
     errors: Mapping[str, np.ndarray],
     usual: Mapping[str, Usual],
-    neck: np.ndarray,
+    on_shoulders: np.ndarray,
     time: np.ndarray,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return where the recording cannot be right: cause -> (n,) bool, and the joints (n, 32) bool.
@@ -394,7 +353,8 @@ def doubtful(
         fitted: centre -> positions of the body (n, 3) [m].
         errors: centre -> distance between both (n,) [m], see `placed_by_body`.
         usual: lengths of the bones, see `usual_lengths`.
-        neck: usual place of the base of the neck (2,), see `neck_on`.
+        on_shoulders: how far the base of the neck is from its usual place on the shoulders, ahead
+            of it and to the left (n, 2), see `ergoqp.mocap.fitting.standins`.
         time: times of the frames (n,) [s].
     """
     causes, wrong = {}, np.zeros((len(time), len(JOINTS)), dtype=bool)
@@ -426,7 +386,7 @@ def doubtful(
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
-    misplaced = _whole_runs(np.linalg.norm(neck_on(places) - neck, axis=1), _ELSEWHERE)
+    misplaced = _whole_runs(np.linalg.norm(on_shoulders, axis=1), _ELSEWHERE)
     # A shoulder in a wrong place moves the middle of both.
     misplaced &= ~causes.get("shoulder girdle of unusual length", np.zeros_like(misplaced))
     misplaced |= _neck_wrong(causes, usual, len(time))
