@@ -187,7 +187,9 @@ class Found:
             recording consists of joint angles.
         whole: the markers, if some are lost or left out for a while; else None.
         doubts: ``right_upper_arm``, ``left_upper_arm`` -> half-angle by which its direction may be
-            off, because the acromion's marker slides (n,) [rad]; empty for joints.
+            off, because the acromion's marker slides (n,) [rad]; ``right_elbow_axis``,
+            ``left_elbow_axis`` -> what two markers of an elbow add to the upper arm's rotation (n,)
+            [rad]; empty for joints.
         read: name in the file -> what it is used as; empty if it is not used.
     """
 

@@ -116,7 +116,7 @@ def recording_of(
     # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
-    upright, whole, arms = found.upright, found.whole, found.doubts
+    upright, whole, doubt = found.upright, found.whole, _doubt_of(found.doubts)
     del motion, found
     world = {}
     for name in list(paths):
@@ -140,14 +140,13 @@ def recording_of(
     if neutral is not None and reading.neutral is None and neutral.trunk:
         neutral = _possible(neutral, body, world, time)
     along: dict[str, np.ndarray] = {}
-    doubt = Doubt(arms=arms)
     if neutral is not None:
         assumptions.append(neutral.sentence)
         shift = shift_of(world, neutral.trunk) if neutral.trunk else None
         if shift is not None:
             along = {name: shift for name in markers if above_hips(landmarks[name])}
         others = _otherwise(neutral, body, world, time)
-        doubt = Doubt(neck=neutral.nods, arms=arms, others=others)
+        doubt = replace(doubt, neck=neutral.nods, others=others)
         world = straightened(world, neutral.trunk, neutral.neck)
 
     world = _in_one_block(world)
@@ -191,6 +190,12 @@ def recording_of(
         measured=() if upright else measured,
         read=read,
     )
+
+
+def _doubt_of(doubts: Mapping[str, np.ndarray]) -> Doubt:
+    """Return the doubts about markers (see `Found`) in the form of the fit."""
+    axes = {name: turn for name, turn in doubts.items() if name.endswith("_axis")}
+    return Doubt(arms={n: half for n, half in doubts.items() if n not in axes}, axes=axes)
 
 
 def _possible(

@@ -83,7 +83,7 @@ def by_rotation(
 
 
 def by_twist(
-    span: Part,
+    ends: tuple[np.ndarray, np.ndarray],
     postures: np.ndarray,
     observed: np.ndarray,
     pairs: tuple[np.ndarray, np.ndarray],
@@ -92,26 +92,27 @@ def by_twist(
     """Return the ends of what depends on the twist of the trunk where that is not known.
 
     Args:
-        span: its ends.
+        ends: its lower and upper ends (n,) [rad].
         postures: joint angles (n, 32) [rad].
         observed: which of them are seen (n, 32) bool.
         pairs: frames in which both hips are seen, and those with both shoulders, each (n,) bool.
         turned: frames in which the whole body may have turned, unseen (n,) bool.
     """
-    frames, low, high = span
-    hidden, (headed, held) = ~observed[frames, TWIST], (each[frames] for each in pairs)
+    frames = np.flatnonzero(~observed[:, TWIST] & ((ends[0] < ends[1]) | turned))
     read, free = postures[frames, TWIST], turned[frames]
-    low, high = np.where(free, read - np.pi, low), np.where(free, read + np.pi, high)
+    low = np.where(free, read - np.pi, ends[0][frames])
+    high = np.where(free, read + np.pi, ends[1][frames])
+    headed, held = (each[frames] for each in pairs)
     found: dict[int, Part] = {}
     # Without hips, the heading is off by as much as the twist.
-    part = hidden & ~headed
+    part = ~headed
     rows, turns = frames[part], _tried(read[part] - high[part], read[part] - low[part])
     flexion, bend = (INDEX[f"trunk_{name}"] for name in ("flexion", "side_bend"))
     lean = _leans(postures[rows, flexion], postures[rows, bend], turns)
     for joint, tried in zip((flexion, bend), zip(*lean, strict=True), strict=True):
         found[joint] = _ends(joint, rows, postures, tried)
     # Both shoulders show the axes of the trunk, whatever its heading.
-    part = hidden & (headed | ~held)
+    part = headed | ~held
     rows, turns = frames[part], _tried(low[part] - read[part], high[part] - read[part])
     flexion, bend, twist = (INDEX[f"neck_{name}"] for name in ("flexion", "side_bend", "twist"))
     lean = _leans(postures[rows, flexion], postures[rows, bend], turns)

@@ -204,7 +204,8 @@ def _wrist_angles(
 ) -> tuple[Angles, Angles]:
     """Return the angles of forearm and wrist; hand and thumb in the axes of the elbow (n, 3)."""
     out = _out(side)
-    up = -hand
+    # A thumb beside a hand that is not seen shows the pronation of the forearm all the same.
+    up = -either(hand, np.broadcast_to([0.0, 0.0, -1.0], hand.shape))
     beside = unit(thumb - (thumb * up).sum(axis=1, keepdims=True) * up)
     across = np.cross(up, beside)
     ahead = np.cos(THUMB) * beside + out * np.sin(THUMB) * across

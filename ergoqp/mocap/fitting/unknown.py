@@ -70,12 +70,15 @@ class Doubt:
         trunk: largest angle between the trunk and the recorded one (n,) [rad]; None: zero.
         arms: ``right_upper_arm``, ``left_upper_arm`` -> largest angle between the arm and the
             recorded one (n,) [rad].
+        axes: ``right_elbow_axis``, ``left_elbow_axis`` -> inward rotation of the upper arm by the
+            axis of the elbow beyond that by the forearm (n,) [rad].
         others: other postures that the recording may show (n, 32) [rad].
     """
 
     neck: tuple[float, float] = (0.0, 0.0)
     trunk: np.ndarray | None = None
     arms: Mapping[str, np.ndarray] = field(default_factory=dict)
+    axes: Mapping[str, np.ndarray] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
 
 
@@ -121,6 +124,10 @@ def spans_of(
             if joint not in hands and joint not in TURNS.values():
                 told[rows[most - least > _TOLD], joint] = False
         frames = np.flatnonzero(low < high).astype(np.int32)
+        if joint == TWIST and pairs is not None:
+            turned = away_from(pairs[0] | pairs[1], time) > _KEPT
+            for other, part in by_twist((low, high), postures, observed, pairs, turned).items():
+                parts.setdefault(other, []).append(part)
         if not len(frames):
             continue
         span = found[joint] = (
@@ -128,12 +135,9 @@ def spans_of(
             low[frames].astype(np.float32),
             high[frames].astype(np.float32),
         )
-        more = by_rotation(joint, span, postures, observed) if joint in TURNS else {}
-        if joint == TWIST and pairs is not None:
-            turned = away_from(pairs[0] | pairs[1], time) > _KEPT
-            more = by_twist(span, postures, observed, pairs, turned)
-        for other, part in more.items():
-            parts.setdefault(other, []).append(part)
+        if joint in TURNS:
+            for other, part in by_rotation(joint, span, postures, observed).items():
+                parts.setdefault(other, []).append(part)
     return found, told
 
 
@@ -275,6 +279,17 @@ def changes_by(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int
         found[flexion] = _passing(postures[:, flexion], swing, time)
         for joint, each in ((abduction, off), (rotation, turn), (elbow, off)):
             found[joint] = (-each, each)
+    for axis, turn in doubt.axes.items():
+        side = axis.partition("_")[0]
+        rotation, elbow, pronation = (
+            INDEX[f"{side}_{joint}"]
+            for joint in ("shoulder_rotation", "elbow_flexion", "forearm_pronation")
+        )
+        # The forearm's pronation is measured from the axis of the elbow.
+        about = -turn * np.cos(postures[:, elbow])
+        for joint, each in ((rotation, turn), (pronation, about)):
+            least, most = found.get(joint, (0.0, 0.0))
+            found[joint] = least + np.minimum(each, 0.0), most + np.maximum(each, 0.0)
     return found
 
 

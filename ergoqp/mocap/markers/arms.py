@@ -22,6 +22,7 @@ from ergoqp.mocap.markers.bones import (
     aside_of,
     axis_of,
     carried,
+    dot,
     inside,
     turn_of,
     turned_about,
@@ -94,9 +95,23 @@ def arm_of(
     return {
         f"{side}_elbow": elbow,
         f"{side}_wrist": wrist,
-        f"{side}_knuckles": either(knuckles, wrist + 0.08 * along),
+        f"{side}_knuckles": knuckles,
         f"{side}_thumb": wrist + 0.05 * turned,
     }
+
+
+def carrying_of(side: str, place: Landmarks, centres: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the angle about the upper arm from the elbow's bend to its axis (n,) [rad].
+
+    The axis is that of two markers, and the bend is that of the bones. The angle is that by which a
+    carrying angle feigns a rotation; zero if it is not shown.
+    """
+    shoulder, elbow = centres[f"{side}_shoulder"], centres[f"{side}_elbow"]
+    upper, fore = unit(elbow - shoulder), unit(centres[f"{side}_wrist"] - elbow)
+    bend = np.cross(upper, fore) * (1.0 if side == "right" else -1.0)
+    axis = across(place[f"{side}_outer_elbow"] - place[f"{side}_inner_elbow"], upper)
+    sine, cosine = dot(np.cross(bend, axis), upper), dot(bend, axis)
+    return np.nan_to_num(np.arctan2(sine, cosine)[:, 0])
 
 
 def turn_to_axis(side: str, place: Landmarks, shoulder: np.ndarray) -> float | None:

@@ -22,7 +22,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
 from ergoqp.mocap.fitting.posture import either, unit
-from ergoqp.mocap.markers.arms import arm_of, axes_said, turn_to_axis
+from ergoqp.mocap.markers.arms import arm_of, axes_said, carrying_of, turn_to_axis
 from ergoqp.mocap.markers.bones import (
     BENT,
     Landmarks,
@@ -77,8 +77,7 @@ def centres_and_doubts(
         turns: side -> angle from the marker on the upper arm to the elbow's axis, as of `turns_of`.
 
     Returns:
-        The centres, and for each side of `sliding` the half-angle by which the direction of the
-        upper arm may be off (n,) [rad].
+        The centres, and the doubts as of `joints_of_markers`.
     """
     place = Landmarks(at)
     level, hips = _hips(place, size)
@@ -90,6 +89,8 @@ def centres_and_doubts(
         out = -1.0 if side == "right" else 1.0
         shoulder = centres[f"{side}_shoulder"]
         centres |= arm_of(side, out, place, shoulder, (left, down), widths, turns.get(side))
+        if f"{side}_inner_elbow" in place:
+            doubts[f"{side}_elbow_axis"] = out * carrying_of(side, place, centres)
         centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}, doubts
@@ -204,7 +205,9 @@ def _shoulders(
     doubts: dict[str, np.ndarray] = {}
     for side, each in sliding.items():
         elbow = place[f"{side}_outer_elbow"]
-        shoulders[side], doubts[side] = each.joint(shoulders[side], elbow, axes_of(down, left))
+        shoulders[side], doubts[f"{side}_upper_arm"] = each.joint(
+            shoulders[side], elbow, axes_of(down, left)
+        )
     return {f"{side}_shoulder": path for side, path in shoulders.items()}, doubts
 
 
@@ -296,7 +299,9 @@ def joints_of_markers(
     """Return joint centre -> positions (n, 3) [m], sentences, markers left out, and doubts.
 
     The doubts are the half-angles by which the direction of an upper arm may be off, because the
-    acromion's marker slides: ``right_upper_arm``, ``left_upper_arm`` -> (n,) [rad].
+    acromion's marker slides: ``right_upper_arm``, ``left_upper_arm`` -> (n,) [rad]. With two
+    markers of an elbow, they are also the inward rotation of the upper arm by these beyond that by
+    the forearm: ``right_elbow_axis``, ``left_elbow_axis`` -> (n,) [rad].
 
     Args:
         motion: the markers.
@@ -335,7 +340,7 @@ def joints_of_markers(
     around = round(_ON_ITS_WAY / step)
     # One array per centre, so that the memory of each can be freed separately.
     centres: dict[str, np.ndarray] = {}
-    doubts = {side: np.zeros(count, dtype=np.float32) for side in SIDES}
+    doubts = {f"{side}_upper_arm": np.zeros(count, dtype=np.float32) for side in SIDES}
     filled: Counter[str] = Counter()
     astray: Astray = {}
     for start in range(0, count, _BLOCK):
@@ -354,8 +359,9 @@ def joints_of_markers(
                 _add(astray, landmark, start, away[inside])
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
         found, doubtful = centres_and_doubts(at, widths, size, sliding, turns)
-        for side, half in doubtful.items():
-            doubts[side][start : start + _BLOCK] = half[inside]
+        for name, off in doubtful.items():
+            whole = doubts.setdefault(name, np.zeros(count, dtype=np.float32))
+            whole[start : start + _BLOCK] = off[inside]
         found |= {name: path for name, path in at.items() if name in CENTRES}
         for name, path in found.items():
             if name not in centres:
@@ -366,7 +372,7 @@ def joints_of_markers(
     how = [*_said(widths, filled, count), *axes_said(bare, sample, turns)]
     how += sliding_said(sliding, doubts)
     said = [*how, *astray_said(motion, astray), *said]
-    return centres, said, astray, {f"{side}_upper_arm": half for side, half in doubts.items()}
+    return centres, said, astray, doubts
 
 
 def in_order(

@@ -257,7 +257,8 @@ def sliding_said(sliding: Mapping[str, Sliding], doubts: Mapping[str, np.ndarray
 
     Args:
         sliding: side -> how its marker slides.
-        doubts: side -> half-angle by which the direction of its upper arm may be off (n,) [rad].
+        doubts: ``right_upper_arm``, ``left_upper_arm`` -> half-angle by which its direction may be
+            off (n,) [rad].
     """
     far = {
         side: f"{side} {1000 * np.linalg.norm(each.at(np.array([each.highest]))):.0f} mm at"
@@ -267,7 +268,7 @@ def sliding_said(sliding: Mapping[str, Sliding], doubts: Mapping[str, np.ndarray
     }
     if not far:
         return []
-    off = max(np.degrees(np.quantile(doubts[side], 0.95)) for side in far)
+    off = max(np.degrees(np.quantile(doubts[f"{side}_upper_arm"], 0.95)) for side in far)
     return [
         f"When an arm is raised, the acromion's marker slides: {', '.join(far.values())}. That"
         " shoulder is placed by the sphere on which the elbow moves about it, and the direction of"
