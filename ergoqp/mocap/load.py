@@ -207,7 +207,8 @@ def _possible(
     frames = []
     for places in (tried, straightened(tried, neutral.trunk, neutral.neck)):
         doubts = fit(body, places, time[::every]).doubts
-        frames.append(sum(int(doubts[arm].sum()) for arm in _ARMS_BEYOND if arm in doubts))
+        beyond = [doubts[arm] for arm in _ARMS_BEYOND if arm in doubts]
+        frames.append(int(np.any(beyond, axis=0).sum()) if beyond else 0)
     plain, corrected = frames
     return (
         neutral.uncorrected if corrected > plain + _SHARE_BEYOND * len(time[::every]) else neutral

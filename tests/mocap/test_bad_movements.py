@@ -269,6 +269,16 @@ def test_a_neck_far_from_its_place_is_wrong_and_a_shrug_is_not(work: Places, shr
     assert recording.observed[:565, trunk].all()
 
 
+@pytest.mark.parametrize("centres", [("right_shoulder",), ("head", "head_top")])
+def test_a_neck_is_right_if_another_end_is_wrong(work: Places, centres: tuple[str, ...]) -> None:
+    for centre in centres:
+        work[centre][100:150] += [0.0, 0.0, 0.13]
+    recording = fitted(work)
+    assert any("of unusual length" in each for each in recording.doubts)
+    assert "neck out of place" not in recording.doubts
+    assert recording.observed[:360, INDEX["trunk_flexion"]].all()
+
+
 def test_a_bone_that_always_varies_may_do_so(work: Places) -> None:
     # Between points that are measured a bone varies: 4 % are no other posture there.
     plain = {centre: path.copy() for centre, path in work.items()}

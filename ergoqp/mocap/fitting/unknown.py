@@ -36,7 +36,7 @@ _FREE: Final = 0.25
 """Time in which an angle may move through its whole range if its movements are not measured [s]."""
 _ASIDE: Final = np.radians(20.0)
 """Change of an arm's flexion above which its direction hardly shows it."""
-_KEPT: Final = 0.1
+_KEPT: Final = 0.05
 """Time in which a body whose hips and shoulders are lost has not turned [s]."""
 _ARMS: Final = tuple(f"{side}_upper_arm" for side in SIDES)
 _LEANS: Final = tuple(

@@ -178,8 +178,6 @@ _LEAST: Final = 0.015
 _BENDS_FROM: Final = 0.15
 """Least leeway of the bones that stand for several joints, of spine and shoulders: they are never
 rigid, even if they keep their length while a person stands still."""
-_STEADY: Final = 0.1
-"""Share of its length by which a bone may vary that shows where its ends are."""
 _USUALLY: Final = 6.0
 """Factor on its usual variation by which another bone may be longer or shorter."""
 _MOST: Final = 0.3
@@ -386,11 +384,7 @@ def doubtful(
         doubt(f"{name} of unusual length", stretched, joints)
         jumping = between_leaps(leaping[name], stretched, time) & ~stretched
         doubt(f"{name} jumps", jumping, joints)
-    misplaced = _whole_runs(np.linalg.norm(on_shoulders, axis=1), _ELSEWHERE)
-    # A shoulder in a wrong place moves the middle of both.
-    misplaced &= ~causes.get("shoulder girdle of unusual length", np.zeros_like(misplaced))
-    misplaced |= _neck_wrong(causes, usual, len(time))
-    doubt("neck out of place", misplaced, _ABOVE)
+    doubt("neck out of place", _neck_wrong(causes, on_shoulders), _ABOVE)
     doubt(f"body off by more than {_POOR:g} m", rms(errors, len(time)) > _POOR, JOINTS)
     for centre, joints in _CENTRES.items():
         if centre in errors:
@@ -413,31 +407,26 @@ def _whole_runs(off: np.ndarray, leeway: float) -> np.ndarray:
     return np.repeat(whole, np.diff(starts, append=len(off))) & near
 
 
-def _neck_wrong(
-    causes: Mapping[str, np.ndarray], usual: Mapping[str, Usual], count: int
-) -> np.ndarray:
-    """Return the frames in which the base of the neck may be in a wrong place (count,) bool.
+def _neck_wrong(causes: Mapping[str, np.ndarray], on_shoulders: np.ndarray) -> np.ndarray:
+    """Return the frames in which the base of the neck may be in a wrong place (n,) bool.
 
-    It is the common end of the bones to the head and to both shoulders. If one of them is of
-    unusual length and another one is as long as usual, the neck is right. But only a bone that
-    keeps its length shows that, unless it is one shoulder alone.
+    It is the common end of the bones to the head and to both shoulders. If only that to the head is
+    of unusual length, the neck is right where it is at its usual place on the shoulders.
+
+    Args:
+        causes: cause -> frames (n,) bool.
+        on_shoulders: as of `doubtful`.
     """
-    none = np.zeros(count, dtype=bool)
-    unusual = {
-        name: causes.get(f"{name} of unusual length", none)
+    none, away = np.zeros(len(on_shoulders), dtype=bool), np.linalg.norm(on_shoulders, axis=1)
+    neck, *shoulders = (
+        causes.get(f"{name} of unusual length", none)
         for name in ("neck", "right shoulder", "left shoulder")
-        if name in usual
-    }
-    if not unusual:
-        return none
-    steady = [
-        ~frames
-        for name, frames in unusual.items()
-        if usual[name].leeway < _STEADY * usual[name].length
-    ]
-    wrong = np.sum(list(unusual.values()), axis=0)
-    shown = np.logical_or.reduce([none, *steady])
-    return (wrong >= 2) | (unusual.get("neck", none) & ~shown)
+    )
+    # A shoulder in a wrong place moves the middle of both.
+    apart = causes.get("shoulder girdle of unusual length", none)
+    wrong = np.sum([neck, *shoulders], axis=0) >= 2
+    wrong |= neck & ~(away < _ELSEWHERE / 2)
+    return wrong | (_whole_runs(away, _ELSEWHERE) & ~apart)
 
 
 def rms(errors: Mapping[str, np.ndarray], count: int) -> np.ndarray:

@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks.made_arms import Slide, Take, bending, raised, take_of
 from benchmarks.made_motions import BODY, RATE
-from ergoqp.joints import SIDES
+from ergoqp.joints import INDEX, SIDES
+from ergoqp.mocap import fit_postures
 from ergoqp.mocap.joints import Found, ReadOptions, joints_of
 from ergoqp.mocap.markers.bones import (
     Widths,
@@ -108,8 +109,7 @@ def test_the_sentence_says_by_what(elbow: float | None, lost: tuple[str, ...], s
     assert said in sentences[0]
 
 
-def test_an_elbow_with_two_markers_needs_no_axis() -> None:
-    made = take(elbow=3.0)
+def with_inner_elbows(made: Take) -> Take:
     names = list(made.names)
     places = [made.places]
     for side in SIDES:
@@ -117,7 +117,29 @@ def test_an_elbow_with_two_markers_needs_no_axis() -> None:
         outer = made.places[:, names.index(f"{side[0].upper()}ELB")]
         names.append(f"{side[0].upper()}MELB")
         places.append((2 * elbow - outer)[:, None])
-    both = replace(made, names=tuple(names), places=np.concatenate(places, axis=1))
+    return replace(made, names=tuple(names), places=np.concatenate(places, axis=1))
+
+
+@pytest.mark.parametrize("carrying", [0.0, 10.0])
+def test_two_markers_of_an_elbow_show_a_carrying_angle(carrying: float) -> None:
+    # By the forearm alone, one of 10 deg looks like a rotation of 15 deg at this bend.
+    made = with_inner_elbows(take(Slide(carrying=carrying), elbow=40.0))
+    truth = raised("around", 40.0, hang=True)
+    read = fit_postures(made.names, made.places, RATE, neutral="vertical")
+    low = (made.elevation.max(axis=1) < 70) & (made.elevation.min(axis=1) > 20)
+    for side in SIDES:
+        rotation = INDEX[f"{side}_shoulder_rotation"]
+        off = np.degrees(np.abs(read.postures - truth)[low, rotation])
+        assert (off.max() > 10) == (carrying > 0)
+        noise = np.radians(3.0)
+        assert (truth[low, rotation] > read.low[low, rotation] - noise).all()
+        assert (truth[low, rotation] < read.high[low, rotation] + noise).all()
+        wide = np.degrees(read.high - read.low)[low, rotation]
+        assert wide.max() < (25 if carrying else 8)
+
+
+def test_an_elbow_with_two_markers_needs_no_axis() -> None:
+    both = with_inner_elbows(take(elbow=3.0))
     found = found_in(both)
     assert {f"{side}_inner_elbow" for side in SIDES} <= set(found.landmarks.values())
     assert max(float(off(both, found, side).max()) for side in SIDES) < 1
