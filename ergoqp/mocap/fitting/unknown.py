@@ -20,7 +20,7 @@ NEAR: Final = 1.0
 """Time from an angle that is seen after which nothing is known of it any more [s]."""
 _TIMES: Final = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, NEAR)
 """Times over which the movement of an angle is measured [s]."""
-_MOST: Final = 0.97
+_MOST: Final = 0.99
 """Share of the movements of a recording that stay within the ends."""
 FASTEST: Final = 12.0
 """Largest speed of a part of the body at work [m/s]."""
