@@ -6,7 +6,8 @@ what is read of the whole take. The zero of trunk and neck is stated (the vertic
 what is taken away is unknown. Classes:
 
 - ``nothing_lost``; ``plain_skeleton``: no nose and no thumbs; ``forearm_lost``, ``arm_lost``: of
-  one side, all the time; ``arm_lost_1s``: for a second; ``legs_lost``, ``head_lost``;
+  one side, all the time; ``arm_lost_1s``: for a second; ``legs_lost``, ``head_lost``,
+  ``neck_lost``; ``shoulder_lost``: one of the two; ``hips_lost_1s``: with the pelvis, for a second;
 - ``markers_lost_10``, ``markers_lost_30``: each marker of a marker take is lost in runs of 0.3 s,
   10 or 30 % of the time.
 
@@ -195,6 +196,9 @@ CLASSES: Final[Mapping[str, Loss]] = {
     "arm_lost": without(*ARM, one_side=True),
     "legs_lost": without("knee", "ankle", "toe"),
     "head_lost": without("head", "head_top", "nose"),
+    "neck_lost": without("neck"),
+    "shoulder_lost": without("shoulder", one_side=True),
+    "hips_lost_1s": without("hip", "pelvis", seconds=1.0),
 }
 OF_MARKERS: Final[Mapping[str, Loss]] = {
     "markers_lost_10": in_runs(0.1),
@@ -202,7 +206,7 @@ OF_MARKERS: Final[Mapping[str, Loss]] = {
 }
 
 
-LONG: Final = {"arm_lost_1s": 3.0}
+LONG: Final = {"arm_lost_1s": 3.0, "hips_lost_1s": 3.0}
 """Takes are longer than this [s]: in a shorter one there is little else than what is lost."""
 
 
