@@ -24,7 +24,7 @@ _MOST: Final = 0.99
 """Share of the movements of a recording that stay within the ends."""
 FASTEST: Final = 12.0
 """Largest speed of a part of the body at work [m/s]."""
-_PAIRS: Final = 30
+_PAIRS: Final = 100
 """Number of movements from which they are measured; a shorter recording says nothing of them."""
 _EXTREME: Final = 0.98
 """Share of the angles that are seen beyond which one is at the end of them."""
