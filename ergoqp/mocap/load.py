@@ -43,7 +43,7 @@ from ergoqp.mocap.fitting.axes import UPS
 from ergoqp.mocap.fitting.jitter import smoothed
 from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
-from ergoqp.mocap.fitting.sides import check_sides
+from ergoqp.mocap.fitting.sides import check_sides, exchanged_back
 from ergoqp.mocap.fitting.unknown import Doubt
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import TableOptions, short
@@ -122,6 +122,9 @@ def recording_of(
     for name in list(paths):
         path = paths.pop(name)
         world[name] = (path @ axes.T).astype(path.dtype)
+    if "sides" not in reading.trust:
+        world, said = exchanged_back(world, time)
+        assumptions.extend(said)
     world = _with_both_hips(world, assumptions)
     world, said = smoothed(world, time)
     assumptions.extend(said)

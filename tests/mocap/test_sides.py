@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.made_motions import BODY, Places, fitted, posture, walk
 from ergoqp.errors import InputError, RecordingError
-from ergoqp.joints import SIDES
+from ergoqp.joints import INDEX, SIDES
+from ergoqp.mocap import fit_postures
 from ergoqp.mocap.fitting.sides import check_sides
 from ergoqp.mocap.load import ReadOptions, recording_of
 from ergoqp.mocap.naming import centres_of
@@ -242,3 +243,48 @@ def test_a_nose_that_is_put_ahead_of_the_trunk_shows_nothing() -> None:
         assumptions = recording_of(motion, "a", ReadOptions(unit=1.0, up="z")).assumptions
         assert AHEAD in assumptions
         assert (said in assumptions) is not fine
+
+
+def exchanged_in(places: Places, rows: slice) -> Places:
+    """The same centres with left and right exchanged in some frames."""
+    found = {centre: path.copy() for centre, path in places.items()}
+    for centre in places:
+        side, _, name = centre.partition("_")
+        if side in SIDES:
+            found[centre][rows] = places[f"{SIDES[1 - SIDES.index(side)]}_{name}"][rows]
+    return found
+
+
+@pytest.mark.parametrize("rows", [slice(100, 220), slice(0, 90), slice(250, 360)])
+def test_sides_exchanged_for_a_while_are_exchanged_back(rows: slice) -> None:
+    places = walk()[0]
+    wrong, plain = exchanged_in(places, rows), fitted(places)
+    recording = fitted(wrong)
+    np.testing.assert_allclose(recording.postures, plain.postures, atol=1e-9)
+    count = rows.stop - rows.start
+    assert f"exchanged in {count} frames" in " ".join(recording.assumptions)
+    # What is seen on one side only in these frames is that of the other side.
+    del wrong["left_wrist"]
+    lost = fitted(wrong)
+    assert not lost.observed[rows, INDEX["right_wrist_flexion"]].any()
+    trusted = fitted(wrong, trust=["sides"])
+    assert "exchanged back" not in " ".join(trusted.assumptions)
+
+
+@pytest.mark.parametrize("pair", ["hip", "shoulder"])
+def test_one_pair_is_no_body(pair: str) -> None:
+    places = walk()[0]
+    swapped = exchanged_in({n: p for n, p in places.items() if n.endswith(pair)}, slice(100, 160))
+    assert "exchanged back" not in " ".join(fitted({**places, **swapped}).assumptions)
+
+
+def test_who_turns_around_is_not_exchanged() -> None:
+    # Half a turn in 0.4 s.
+    yaw = np.pi * np.clip((np.arange(240) / 60 - 1) / 0.4, 0, 1)
+    pelvis = np.column_stack([np.zeros((240, 2)), np.full(240, 0.9), yaw])
+    places = centres_of(BODY, pelvis, posture(240, legs_knee_flexion=20.0))
+    for every in (1, 8):
+        few = {centre: path[::every] for centre, path in places.items()}
+        names, positions = list(few), np.stack(list(few.values()), axis=1)
+        recording = fit_postures(names, positions, 60 / every, neutral="vertical")
+        assert "exchanged back" not in " ".join(recording.assumptions)

@@ -7,6 +7,7 @@ would be wrong.
 One sign alone may be a habit of the work or a wrong name: hands reach behind to pull a trolley, and
 a "nose" may be any point of the head. So a recording is refused only by two signs that agree, or by
 one that no body can show: feet that point backward, or knees that bend backward, nearly always.
+Sides that are exchanged for a part of a take are exchanged back.
 """
 
 from __future__ import annotations
@@ -38,6 +39,54 @@ _AHEAD: Final = 0.5
 bent to the side show no direction."""
 _REACHES: Final = 0.5
 """Least distance of hands in front of or behind the shoulders that counts [length of the trunk]."""
+
+
+_TURNS: Final = 0.15
+"""Time in which nobody turns half around [s]."""
+
+
+def exchanged_back(
+    places: Mapping[str, np.ndarray], time: np.ndarray
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the centres with the sides that they have most of the time, and a sentence if changed.
+
+    A depth camera may take a back for a front for a while. Then hips and shoulders change places
+    from one frame to the next, which are two signs.
+
+    Args:
+        places: centre -> positions (n, 3), any unit, NaN where not seen.
+        time: times of the frames (n,) [s].
+    """
+    found = dict(places)
+    if not {*_HIPS, *_SHOULDERS} <= set(places):
+        return found, []
+    frames = np.flatnonzero(np.isfinite(sum(places[n][:, 0] for n in (*_HIPS, *_SHOULDERS))))
+    changes = np.diff(time[frames]) < _TURNS
+    for pair in (_HIPS, _SHOULDERS):
+        right, left = (places[name][frames].astype(float) for name in pair)
+        kept = _apart(right[1:], right[:-1]) + _apart(left[1:], left[:-1])
+        changed = _apart(right[1:], left[:-1]) + _apart(left[1:], right[:-1])
+        changes &= (changed < kept / 2) & (kept > _apart(right, left)[:-1])
+    if not changes.any():
+        return found, []
+    sides = np.concatenate([[0], np.cumsum(changes)]) % 2
+    sides = 1 - sides if sides.mean() > 0.5 else sides
+    at = np.searchsorted(frames, np.arange(len(time)), side="right") - 1
+    rows = sides[np.maximum(at, 0)] == 1
+    for name in places:
+        side, _, centre = name.partition("_")
+        if side in SIDES:
+            other = places.get(f"{SIDES[1 - SIDES.index(side)]}_{centre}")
+            found[name] = places[name].copy()
+            found[name][rows] = np.nan if other is None else other[rows]
+    return found, [
+        f"Left and right are exchanged in {int(rows.sum())} frames, before and after which hips and"
+        " shoulders change places at once: there they are exchanged back."
+    ]
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(one - other, axis=1)
 
 
 @dataclass(frozen=True)
