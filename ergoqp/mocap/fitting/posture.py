@@ -109,7 +109,7 @@ def arm_angles(
     bend = angle_between(upper_arm, forearm)
 
     held = np.stack([np.arctan2(forward, -up), np.arcsin(np.clip(out * aside, -1, 1))], axis=1)
-    turn = _turn(forearm, held, out)
+    turn = _turn(forearm, _hanging(held, out), out)
     shows = np.stack([np.hypot(forward, up), np.ones_like(up), np.sin(bend)], axis=1)
     ways = both_ways(np.column_stack([held, turn]), lower, upper)
     second = chosen(ways, np.nan_to_num(shows), lower, upper, time, begin)
@@ -122,13 +122,15 @@ def arm_angles(
     along = np.sin(flexion) * forward - np.cos(flexion) * up
     abduction = near(np.arctan2(out * aside, along), lower[1], upper[1])
     held = np.stack([flexion, np.clip(filled(abduction, time), lower[1], upper[1])], axis=1)
-    turn = near(_turn(forearm, held, out), lower[2], upper[2])
+    hanging = _hanging(held, out)
+    turn = near(_turn(forearm, hanging, out), lower[2], upper[2])
     turn = steady(turn, np.where(bend > _NOTHING, shows[:, 2], 0.0), time, leaps)
     rotation = np.clip(turn, lower[2], upper[2])
     elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
 
-    axes = _hanging(held, out) * Rotation.from_euler("ZY", np.stack([-out * rotation, -elbow], 1))
-    angles, told = _wrist_angles(side, axes.inv().apply(hand), axes.inv().apply(thumb), time)
+    axes = hanging * Rotation.from_euler("ZY", np.stack([-out * rotation, -elbow], 1))
+    into = axes.inv()
+    angles, told = _wrist_angles(side, into.apply(hand), into.apply(thumb), time)
     angles |= {
         "shoulder_flexion": flexion,
         "shoulder_abduction": held[:, 1],
@@ -170,7 +172,8 @@ def leg_angles(
     held = np.stack([flexion, filled(np.arcsin(np.clip(out * aside, -1, 1)), time)], axis=1)
     held = np.clip(held, lower[:2], upper[:2])
     # The shank determines the rotation of a bent leg, the foot that of a straight one.
-    back, toes = _hanging(held, out).inv().apply(shank), _hanging(held, out).inv().apply(foot)
+    hanging = _hanging(held, out)
+    back, toes = (hanging.inv().apply(bone) for bone in (shank, foot))
     # A knee that is bent toward the toes is straight, or the thigh would be turned backward.
     over = (bend < _OVER_STRAIGHT) & ((back * toes)[:, :2].sum(axis=1) > 0)
     bend = np.where(over, 0.0, bend)
@@ -181,7 +184,7 @@ def leg_angles(
     rotation = np.clip(turn, lower[2], upper[2])
     knee = np.clip(filled(bend, time), *_range(side, "knee_flexion"))
 
-    axes = _hanging(held, out) * Rotation.from_euler("ZY", np.stack([-out * rotation, knee], 1))
+    axes = hanging * Rotation.from_euler("ZY", np.stack([-out * rotation, knee], 1))
     toes, (length, _, drop) = axes.inv().apply(foot), sole / np.linalg.norm(sole)
     roll = np.arcsin(np.clip(toes[:, 1] / -drop, -1, 1))
     pitch = np.arctan2(toes[:, 2], toes[:, 0]) - np.arctan2(drop * np.cos(roll), length)
@@ -230,15 +233,15 @@ def _wrist_angles(
     return angles, told | {"forearm_pronation": np.isfinite(turn)}
 
 
-def _turn(bone: np.ndarray, held: np.ndarray, out: float) -> np.ndarray:
+def _turn(bone: np.ndarray, hanging: Rotation, out: float) -> np.ndarray:
     """Return the inward rotation of a limb (n,) [rad], from the bone beyond its bend.
 
     Args:
         bone: direction of that bone (n, 3).
-        held: flexion and abduction of the limb (n, 2) [rad].
+        hanging: axes of the limb without rotation.
         out: sign of the outside along y.
     """
-    beyond = _hanging(held, out).inv().apply(bone)
+    beyond = hanging.inv().apply(bone)
     return np.arctan2(-out * beyond[:, 1], beyond[:, 0])
 
 
