@@ -189,6 +189,7 @@ class Found:
         doubts: ``right_upper_arm``, ``left_upper_arm`` -> half-angle by which its direction may be
             off, because the acromion's marker slides (n,) [rad]; empty for joints.
         read: name in the file -> what it is used as; empty if it is not used.
+        unshown: our joints that nothing in the recording shows, although the centres do.
     """
 
     motion: JointMotion
@@ -203,6 +204,7 @@ class Found:
     whole: JointMotion | None = None
     doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
     read: Mapping[str, str] = field(default_factory=dict)
+    unshown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -255,11 +257,14 @@ def joints_of(
     """
     ready = bool(motion.angles) and not motion.names
     everything = dict.fromkeys(motion.names, "")
+    hidden: tuple[str, ...] = ()
     if ready:
         # Only ready angles need it.
-        from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
+        from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed, unshown
 
-        place = placed_by_angles if own_angles(motion.angles) else posed
+        ours = bool(own_angles(motion.angles))
+        hidden = () if ours else unshown(motion, where)
+        place = placed_by_angles if ours else posed
         motion = place(motion, where, reading.body, reading.trust)
     naming, unit = reading.naming, reading.unit
     if reading.subject is not None or not _names_whom(naming, motion.names):
@@ -295,6 +300,7 @@ def joints_of(
             said,
             upright=ready,
             read=read,
+            unshown=hidden,
         )
     found = _of_markers(motion, where, skin, reading, progress)
     used = {**skin.further, **skin.landmarks}
