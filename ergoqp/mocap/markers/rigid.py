@@ -51,6 +51,11 @@ _BLADE: Final = 0.06
 and its marker is not at the joint."""
 
 
+_HIP: Final = 0.07
+"""The same from a hip [m]: in a deep bend the thigh pushes the markers of the pelvis, by which the
+hip is placed, and the skin slides over the knee, both toward each other."""
+
+
 class Links:
     """The distances that markers of a person keep.
 
@@ -71,7 +76,8 @@ class Links:
             if one in at and other in at:
                 middle = usual_distance(at[one], at[other])
                 if np.isfinite(middle):
-                    least = _BLADE if "shoulder" in one + other else _LEEWAY[0]
+                    both = one + other
+                    least = _HIP if "hip" in both else _BLADE if "shoulder" in both else _LEEWAY[0]
                     off = np.abs(np.linalg.norm(at[one] - at[other], axis=1) - middle)
                     varies = 1.4826 * float(np.nanmedian(off))
                     leeway = float(np.clip(_TIMES * varies, least, _LEEWAY[1]))
