@@ -191,6 +191,7 @@ class Found:
             ``left_elbow_axis`` -> what two markers of an elbow add to the upper arm's rotation (n,)
             [rad]; empty for joints.
         read: name in the file -> what it is used as; empty if it is not used.
+        unshown: our joints that nothing in the recording shows, although the centres do.
     """
 
     motion: JointMotion
@@ -205,6 +206,7 @@ class Found:
     whole: JointMotion | None = None
     doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
     read: Mapping[str, str] = field(default_factory=dict)
+    unshown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -257,11 +259,14 @@ def joints_of(
     """
     ready = bool(motion.angles) and not motion.names
     everything = dict.fromkeys(motion.names, "")
+    hidden: tuple[str, ...] = ()
     if ready:
         # Only ready angles need it.
-        from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed
+        from ergoqp.mocap.formats.opensim import own_angles, placed_by_angles, posed, unshown
 
-        place = placed_by_angles if own_angles(motion.angles) else posed
+        ours = bool(own_angles(motion.angles))
+        hidden = () if ours else unshown(motion, where)
+        place = placed_by_angles if ours else posed
         motion = place(motion, where, reading.body, reading.trust)
     naming, unit = reading.naming, reading.unit
     if reading.subject is not None or not _names_whom(naming, motion.names):
@@ -297,6 +302,7 @@ def joints_of(
             said,
             upright=ready,
             read=read,
+            unshown=hidden,
         )
     found = _of_markers(motion, where, skin, reading, progress)
     used = {**skin.further, **skin.landmarks}

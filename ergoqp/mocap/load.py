@@ -27,7 +27,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.human.person_file import person_with_markers
-from ergoqp.joints import SIDES, spoken
+from ergoqp.joints import INDEX, LOWER, SIDES, UPPER, spoken
 from ergoqp.mocap.assumptions import (
     axes_to_ours,
     held_object,
@@ -116,7 +116,8 @@ def recording_of(
     # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
-    upright, whole, doubt = found.upright, found.whole, _doubt_of(found.doubts)
+    upright, whole, unshown = found.upright, found.whole, found.unshown
+    doubt = _doubt_of(found.doubts)
     del motion, found
     world = {}
     for name in list(paths):
@@ -154,6 +155,7 @@ def recording_of(
 
     world = _in_one_block(world)
     result = fit(body, world, time, part_of(progress, _FOUND, 1.0), doubt)
+    result = _without(result, unshown)
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
@@ -226,6 +228,24 @@ def _otherwise(
         fit(body, straightened(world, lean, neutral.neck), time).postures
         for lean in sorted({*neutral.trunk_ends} - {neutral.trunk})
     )
+
+
+def _without(result: Fit, joints: Sequence[str]) -> Fit:
+    """Return a fit in which some joints are not seen: they may be anywhere in their ranges."""
+    if not joints:
+        return result
+    numbers, count = [INDEX[joint] for joint in joints], len(result.postures)
+    postures, observed = result.postures.copy(), result.observed.copy()
+    postures[:, numbers], observed[:, numbers] = 0.0, False
+    every = np.arange(count, dtype=np.int32)
+    free = {
+        joint: (every, *(np.full(count, end[joint], dtype=np.float32) for end in (LOWER, UPPER)))
+        for joint in numbers
+    }
+    found = replace(result, postures=postures, observed=observed, spans={**result.spans, **free})
+    if "trunk_flexion" not in joints:
+        return found
+    return replace(found, not_scored={"trunk not seen": np.ones(count, dtype=bool)})
 
 
 def _seen_at_all(

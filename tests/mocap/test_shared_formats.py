@@ -101,7 +101,7 @@ READ = (
         ),
         thing=True,
     ),
-    Outcome("mot/opencap_squats.mot", 801, 801, ("OpenCap", "taken as zero: wrist_flex_r")),
+    Outcome("mot/opencap_squats.mot", 801, 801, ("OpenCap", "Not in the file: wrist_flex_r")),
     Outcome(
         "mot/pyomeca_box_ik_comma_badcount.mot",
         88,

@@ -1,8 +1,9 @@
 """Xsens MVN's export of a recording as XML: poses of 23 segments, and joint angles.
 
 The position of a segment is that of the joint at which it begins. z is up, lengths are in metres,
-and quaternions are w, x, y, z (Xsens, "MVN User Manual", MVNX). Version 3 was tried on a file by
-others; in what is read here, version 4 is the same.
+and quaternions are w, x, y, z (Xsens, "MVN User Manual", MVNX). Versions 3 and 4 were each tried on
+a file by others. They differ in the axes of arms and hands: in a T-pose those of version 4 are the
+axes of the world, and in version 3 the long axis of a hand is z. The file's own T-pose decides.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
@@ -31,12 +33,16 @@ from ergoqp.mocap.formats.text import (
     is_number,
     short,
 )
-from ergoqp.mocap.formats.turns import UnitTurns
+from ergoqp.mocap.formats.turns import UnitTurns, unit_turns
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _AXES: Final = ("abduction", "rotation", "flexion")
 """Names of the three angles of a joint, in Xsens' order of the axes z, x, y."""
 _BLOCK: Final = 4000
+_T_POSES: Final = ("identity", "tpose")
+"""Calibration poses with the arms to the sides and the palms down, the best first."""
+_HANDS: Final = {"RightHand": (-0.5, 0.5, 0.5, 0.5), "LeftHand": (0.5, 0.5, -0.5, 0.5)}
+"""Orientation that the axes of hands in `namings.toml` have in a T-pose, as x, y, z, w."""
 
 
 class Wearer:
@@ -61,6 +67,7 @@ class Wearer:
         self.joints: list[str] = []
         self._indices: list[int] = []
         self._poses = 0  # calibration poses
+        self._posed: dict[str, np.ndarray] = {}  # T-pose -> quaternions x, y, z, w (segments, 4)
         self._block: list[list[float]] = []
         # Positions, quaternions and joint angles.
         self._turns = UnitTurns()
@@ -91,6 +98,9 @@ class Wearer:
         """
         if kind != "normal":
             self._poses += 1
+            numbers = np.array([_number(word) for word in found.get("orientation", "").split()])
+            if numbers.size == 4 * len(self.segments):
+                self._posed[kind] = unit_turns(numbers.reshape(-1, 4)[:, [1, 2, 3, 0]])
             return False
         if not self.segments:
             raise lacking(self.path)
@@ -119,6 +129,7 @@ class Wearer:
         if self._block:
             self._take(1.0)
         positions, quaternions, bent = (each.view for each in self._arrays)
+        self._turn_hands(quaternions)
         names = tuple(prefix + name for name in self.segments)
         notes = self._turns.said()
         if self._poses:
@@ -139,6 +150,23 @@ class Wearer:
             unit=1.0,
             up="z",
         )
+
+    def _turn_hands(self, quaternions: np.ndarray) -> None:
+        """Give the hands the axes of `namings.toml`, if a T-pose of the file shows its own.
+
+        Args:
+            quaternions: those of all segments (n, segments, 4), changed in place.
+        """
+        posed = next((self._posed[kind] for kind in _T_POSES if kind in self._posed), None)
+        for name in _HANDS:
+            if posed is None or name not in self.segments:
+                continue
+            i = self.segments.index(name)
+            own, hand = posed[i], quaternions[:, i]
+            seen = np.isfinite(hand).all(axis=1)
+            if np.isfinite(own).all() and seen.any():
+                turn = Rotation.from_quat(own).inv() * Rotation.from_quat(_HANDS[name])
+                hand[seen] = (Rotation.from_quat(hand[seen]) * turn).as_quat()
 
     def _row(self, index: str, found: dict[str, str]) -> list[float]:
         """Return positions, quaternions and joint angles of a frame."""

@@ -34,7 +34,7 @@ from ergoqp.arguments import Progress
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.mocap.formats.opensim_models import MODELS, OpenSimModel
+from ergoqp.mocap.formats.opensim_models import MODELS, SHOWS, OpenSimModel
 from ergoqp.mocap.formats.text import (
     TableOptions,
     cells,
@@ -339,11 +339,7 @@ def posed(
         RecordingError: if the coordinates are those of no known model, or the angles cannot be
             those of a person.
     """
-    angles = {
-        name.lower(): np.asarray(each, dtype=float)
-        for path, each in motion.angles.items()
-        if (name := coordinate_of(path)) is not None
-    }
+    angles = _coordinates(motion)
     model = _model_of(angles, where)
     wanted = {*_of_both_sides(model), *model.moved}
     named = [path for path in motion.angles if (coordinate_of(path) or "").lower() in wanted]
@@ -353,7 +349,7 @@ def posed(
     columns = dict.fromkeys(motion.angles, "") | dict.fromkeys(named, "joint angle")
     columns |= {name: "object" for name in motion.angles if name.lower() in of_objects}
     doubts = check_unit(model, angles, where, trusted="angles" in trust)
-    person = body or Body()
+    person, locked = body or Body(), _locked(model, angles)
     angles, bends = with_bent_hinges(angles, where, trusted="angles" in trust)
     upright, lacking = _places(model, {name: np.zeros(1) for name in angles}, 1, person)
     positions = np.empty((len(motion.time), len(upright), 3), dtype=np.float32)
@@ -371,7 +367,12 @@ def posed(
         *bends,
     ]
     if lacking:
-        notes.append(f"Not in the file and taken as zero: {some(lacking)}.")
+        notes.append(f"Not in the file: {some(lacking)}. What only they show is not seen.")
+    if locked:
+        notes.append(
+            f"Taken as locked, because they never change while the person moves: {some(locked)}."
+            " What only they show is not seen."
+        )
     return replace(
         motion,
         names=tuple(upright),
@@ -383,6 +384,48 @@ def posed(
         up="y",
         columns=columns,
     )
+
+
+def unshown(motion: JointMotion, where: str) -> tuple[str, ...]:
+    """Return our joints that a file's coordinates do not show, although the segments are placed.
+
+    They belong to coordinates that are missing or locked, or are not in the model.
+
+    Args:
+        motion: the angles, as `ergoqp.mocap.formats.opensim.read_storage` returns them.
+        where: the file's name, for messages.
+
+    Raises:
+        RecordingError: if the coordinates are those of no known model.
+    """
+    angles = _coordinates(motion)
+    model = _model_of(angles, where)
+    seen = set(angles) - set(_locked(model, angles))
+    found = [f"{side}_{joint}" for side in model.sides for joint in model.lacks]
+    for name, segment in model.segments.items():
+        for side, end in _ends_of(model, name).items():
+            for step, _ in segment.steps:
+                if isinstance(step, str) and step + end not in seen:
+                    joints = SHOWS.get(step, ())
+                    found += joints if name in _AXIAL else [f"{side}_{each}" for each in joints]
+    return tuple(dict.fromkeys(found))
+
+
+def _locked(model: OpenSimModel, angles: Angles) -> list[str]:
+    """Return the coordinates that never change while others do: the model holds them."""
+    ranges = {name: _range(angles[name]) for name in _of_both_sides(model) if name in angles}
+    moving = sum(each > _SWAYS for name, each in ranges.items() if name not in model.moved)
+    held = [name for name, each in ranges.items() if not each and name not in model.moved]
+    return held if moving >= _FEW else []
+
+
+def _coordinates(motion: JointMotion) -> dict[str, np.ndarray]:
+    """Return the coordinates of a file in small letters -> their values (n,)."""
+    return {
+        name.lower(): np.asarray(each, dtype=float)
+        for path, each in motion.angles.items()
+        if (name := coordinate_of(path)) is not None
+    }
 
 
 def is_of_model(names: Iterable[str]) -> bool:
@@ -451,8 +494,7 @@ def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list
     found: Turns = {}
     lacking: dict[str, None] = {}
     for name, segment in model.segments.items():
-        ends = {"right": ""} if name in _AXIAL else model.sides
-        for side, end in ends.items():
+        for side, end in _ends_of(model, name).items():
             parent = segment.parent and _sided(segment.parent, side)
             if any(each + end not in angles for each in segment.needed):
                 continue
@@ -472,6 +514,11 @@ def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list
                 turn = turn * _about(mirrored, angle)
             found[_sided(name, side)] = turn, seen
     return found, list(lacking)
+
+
+def _ends_of(model: OpenSimModel, segment: str) -> Mapping[str, str]:
+    """Return side -> ending of the coordinates of a segment; a single side for pelvis and trunk."""
+    return {"right": ""} if segment in _AXIAL else model.sides
 
 
 def _about(axis: np.ndarray, angle: np.ndarray) -> Rotation:

@@ -54,6 +54,7 @@ class OpenSimModel:
             the axes of the root [m].
         ground: rotations of the ground's axes to those in which the root moves.
         notes: sentences about the model.
+        lacks: our joints, without their side, that the model does not have.
     """
 
     title: str
@@ -65,6 +66,7 @@ class OpenSimModel:
     origin: Axis
     ground: tuple[Step, ...] = ()
     notes: tuple[str, ...] = ()
+    lacks: tuple[str, ...] = ()
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -78,9 +80,7 @@ class OpenSimModel:
         return (*turned, *self.moved)
 
 
-def _read() -> tuple[OpenSimModel, ...]:
-    file = resources.files("ergoqp.mocap.formats").joinpath("opensim_models.toml")
-    content = tomllib.loads(file.read_text(encoding="utf-8"))
+def _models(content: Mapping[str, Any]) -> tuple[OpenSimModel, ...]:
     return tuple(
         OpenSimModel(
             title=entry["title"],
@@ -92,6 +92,7 @@ def _read() -> tuple[OpenSimModel, ...]:
             origin=tuple(entry["origin"]),
             ground=_steps(entry.get("ground", ())),
             notes=tuple(content["notes"][key] for key in entry.get("notes", ())),
+            lacks=tuple(entry.get("lacks", ())),
         )
         for entry in content["models"].values()
     )
@@ -107,5 +108,10 @@ def _steps(steps: Sequence[Any]) -> tuple[Step, ...]:
     )
 
 
-MODELS: Final = _read()
+_CONTENT: Final = tomllib.loads(
+    resources.files("ergoqp.mocap.formats").joinpath("opensim_models.toml").read_text("utf-8")
+)
+MODELS: Final = _models(_CONTENT)
 """The known models; the first whose `telling` coordinates are all in the file is used."""
+SHOWS: Final[Mapping[str, Sequence[str]]] = _CONTENT["shows"]
+"""Coordinate, without its side -> our joints, without theirs, that only it shows."""

@@ -46,9 +46,13 @@ _LEEWAY: Final = (0.025, 0.08)
 """Limits of that difference: the smallest because skin moves, and the largest [m]."""
 
 
-_BLADE: Final = 0.06
-"""Its smallest limit for distances from a shoulder [m]: the shoulder blade turns with a raised arm,
-and its marker is not at the joint."""
+_SLIDES: Final = {"hip": 0.07, "shoulder": 0.06, "knee": 0.035}
+"""Part of a name -> its smallest limit for distances from there, the first that is in it [m].
+
+In a deep bend the thigh pushes the markers of the pelvis, by which the hip is placed, and the skin
+slides over the knee. The shoulder blade turns with a raised arm, and its marker is not at the
+joint.
+"""
 
 
 class Links:
@@ -71,7 +75,8 @@ class Links:
             if one in at and other in at:
                 middle = usual_distance(at[one], at[other])
                 if np.isfinite(middle):
-                    least = _BLADE if "shoulder" in one + other else _LEEWAY[0]
+                    slides = (most for part, most in _SLIDES.items() if part in one + other)
+                    least = next(slides, _LEEWAY[0])
                     off = np.abs(np.linalg.norm(at[one] - at[other], axis=1) - middle)
                     varies = 1.4826 * float(np.nanmedian(off))
                     leeway = float(np.clip(_TIMES * varies, least, _LEEWAY[1]))

@@ -68,6 +68,83 @@ def test_a_file_without_joint_angles(tmp_path: Path) -> None:
     assert motion.positions.shape == (3, 2, 3)
 
 
+HANDS = {"RightHand": (0.5, -0.5, 0.5, 0.5), "LeftHand": (0.5, 0.5, 0.5, -0.5)}
+"""Orientation in a T-pose of the hands in version 3, w, x, y, z; in version 4 they have none."""
+BENT = Rotation.from_euler("ZYX", [[0, 0, 0], [20, -70, 5], [-30, 15, 60]], degrees=True)
+"""Orientation of both hands from the T-pose on."""
+
+
+def hands(pose: str, axes: str, orientation: str | None = None) -> str:
+    """A file of two hands whose axes are those of a version, with a calibration pose."""
+    segments = "".join(f'<segment label="{name}"/>' for name in HANDS)
+    own = [
+        Rotation.from_quat(quaternion, scalar_first=True)
+        if axes == "version 3"
+        else Rotation.identity()
+        for quaternion in HANDS.values()
+    ]
+
+    def frame(i: int, kind: str, turn: Rotation, given: str | None = None) -> str:
+        both = [(turn * each).as_quat(scalar_first=True) for each in own]
+        words = " ".join(map(str, np.concatenate(both)))
+        return (
+            f'<frame index="{i}" type="{kind}"><position>0 -1 1 0 1 1</position>'
+            f"<orientation>{words if given is None else given}</orientation></frame>"
+        )
+
+    frames = frame(-1, pose, Rotation.identity(), orientation)
+    frames += "".join(frame(i, "normal", turn) for i, turn in enumerate(BENT))
+    return (
+        f'{ROOT}<subject label="A" frameRate="10"><segments>{segments}</segments>'
+        f"<frames>{frames}</frames></subject></mvnx>"
+    )
+
+
+@pytest.mark.parametrize("pose", ["identity", "tpose"])
+@pytest.mark.parametrize("axes", ["version 3", "version 4"])
+def test_hands_have_the_axes_that_the_t_pose_shows(pose: str, axes: str, tmp_path: Path) -> None:
+    motion = read(read_mvnx, write(tmp_path / "a.mvnx", hands(pose, axes)))
+    for (name, quaternion), out in zip(HANDS.items(), (-1, 1), strict=True):
+        turn = Rotation.from_quat(motion.turns[name])
+        expected = BENT * Rotation.from_quat(quaternion, scalar_first=True)
+        assert (turn * expected.inv()).magnitude() == pytest.approx(0, abs=1e-5)
+        # Knuckles and thumb as in namings.toml: in the T-pose to the side, and ahead and below.
+        assert turn[0].apply([0, 0, -0.15]) == pytest.approx([0, 0.15 * out, 0], abs=1e-6)
+        thumb = turn[0].apply([0.0371, 0.0928 * out, 0])
+        assert thumb == pytest.approx([0.0928, 0, -0.0371], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pose", "orientation"),
+    [
+        ("npose", None),
+        ("tpose", ""),
+        ("tpose", "1 0 0"),
+        ("tpose", "1 0 0 zero 1 0 0 zero"),
+        ("tpose", "nan nan nan nan 0 0 0 0"),
+        ("tpose", "1e300 0 0 0 5 0 0 0"),
+    ],
+)
+def test_without_a_t_pose_the_axes_are_those_of_version_3(
+    pose: str, orientation: str | None, tmp_path: Path
+) -> None:
+    content = hands(pose, "version 3", orientation)
+    motion = read(read_mvnx, write(tmp_path / "a.mvnx", content))
+    assert POSED in motion.notes
+    turn = Rotation.from_quat(motion.turns["RightHand"])
+    assert turn[0].apply([0, 0, -0.15]) == pytest.approx([0, -0.15, 0], abs=1e-6)
+
+
+def test_a_hand_that_is_not_seen_stays_so(tmp_path: Path) -> None:
+    content = hands("tpose", "version 4")
+    last = content.rindex("<orientation>")
+    lost = content[:last] + "<orientation>nan nan nan nan 1 0 0 0</orientation></frame>"
+    lost += content[content.rindex("</frames>") :]
+    motion = read(read_mvnx, write(tmp_path / "a.mvnx", lost))
+    assert np.isnan(motion.turns["RightHand"]).all(axis=1).tolist() == [False, False, True]
+    assert np.isfinite(motion.turns["LeftHand"]).all()
+
+
 @pytest.mark.parametrize("block", [1, 2, 3])
 def test_blocks_are_as_the_whole(
     block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

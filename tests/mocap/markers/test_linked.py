@@ -103,6 +103,24 @@ def test_a_shoulder_blade_may_turn() -> None:
     assert list(Links(arm).astray(arm)) == ["left_shoulder"]
 
 
+def test_a_deep_bend_brings_hip_and_knee_together() -> None:
+    # By 5 cm at the pelvis, whose markers the thigh pushes, and by the skin over the knee.
+    at = leg()
+    at["right_hip"][WHILE] += [0.0, 0.0, -0.04]
+    at["right_outer_knee"][WHILE] += [0.0, 0.0, 0.02]
+    assert Links(at).astray(at) == {}
+    at["right_outer_knee"][WHILE] += [0.0, 0.0, 0.04]
+    assert set(Links(at).astray(at)) == {"right_outer_knee"}
+
+
+def test_the_skin_slides_over_a_bent_knee() -> None:
+    at = leg(0.001)
+    at["right_outer_knee"][WHILE] += [0.0, 0.0, -0.03]
+    assert Links(at).astray(at) == {}
+    at["right_outer_knee"][WHILE] += [0.0, 0.0, -0.02]
+    assert set(Links(at).astray(at)) == {"right_outer_knee"}
+
+
 def test_a_marker_that_always_moves_on_the_skin_is_not_let_go_anywhere() -> None:
     at = leg(0.0)
     at["right_shank"] += 0.035 * np.sin(np.arange(COUNT))[:, None] * [0.0, 0.0, 1.0]
