@@ -268,7 +268,6 @@ def joints_of(
     if skin is None:
         used, found = naming_of(motion, naming, where)
         lost = naming.missing_in(motion.names) if naming is not None else ()
-        motion.check_once((motion.names[i] for which in found.values() for i in which), where)
         more, turned = oriented(motion, used, found)
         shoulders, guessed = shoulders_of(motion, found)
         more, turned = more | shoulders, (*turned, *guessed)
@@ -364,9 +363,6 @@ def _of_markers(
     # A joint centre may be at the file's origin, but a marker at the origin was not seen.
     worn = {**further, **_on_skin(landmarks)}
     motion = off_origin(motion, sorted({i for which in worn.values() for i in which}))
-    motion.check_once(
-        (motion.names[i] for which in (further | landmarks).values() for i in which), where
-    )
     shapes, stated = reading.shapes, reading.unit or motion.unit
     motion, landmarks = _with_known(motion, landmarks, skin.title, shapes)
     size = unit_of_markers(motion, where, landmarks, stated)
