@@ -14,6 +14,7 @@ from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.naming import (
+    CENTRES,
     LANDMARKS,
     PLACED,
     RIGID,
@@ -27,6 +28,7 @@ from ergoqp.mocap.naming import (
     landmarks_in,
     named_centres,
     naming_of,
+    overlooked,
     parted,
 )
 from ergoqp.mocap.recording import JointMotion
@@ -297,6 +299,8 @@ def joints_of(
         read = {**everything, **({} if ready else uses), **motion.columns}
         names = motion.columns if ready else _own(motion, uses)
         said += _unread(names, "columns" if ready else "joints")
+        if not ready:
+            said += overlooked(_left(names), found)
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
             _emptied(motion, things),
@@ -312,7 +316,8 @@ def joints_of(
     uses = _uses(motion, used)
     for name in skin.others:
         uses[motion.in_file.get(name, name)] += " (guessed: a name of another marker set)"
-    said = (*found.said, *_unread(_own(motion, uses), "markers"))
+    own = _own(motion, uses)
+    said = (*found.said, *_unread(own, "markers"), *overlooked(_left(own), {*used, *CENTRES}))
     return replace(found, said=said, read={**everything, **uses, **motion.columns})
 
 
@@ -353,10 +358,14 @@ def _own(motion: JointMotion, uses: Mapping[str, str]) -> dict[str, str]:
 
 def _unread(uses: Mapping[str, str], what: str) -> tuple[str, ...]:
     """Return a sentence about the names that are not read, if there are any."""
-    left = [name for name, use in uses.items() if not use]
+    left = _left(uses)
     if not left:
         return ()
     return (f"{len(uses) - len(left)} of {len(uses)} {what} are read; not read: {some(left)}.",)
+
+
+def _left(uses: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(name for name, use in uses.items() if not use)
 
 
 def _of_markers(

@@ -454,10 +454,12 @@ def unplaced(
         names: names of the recording's joints or markers.
         read: those of them that are read.
     """
-    guess = guessed(tuple(names))
+    unread = tuple(name for name in names if name not in read)
     # A marker at C7 is a landmark, and without its like the nearest thing to a neck.
+    every = guessed(tuple(names))
+    guess = ({"neck": every["c7"]} if "c7" in every else {}) | every | guessed(unread)
     nearest = {thing: guess[thing] for thing in needed if thing in guess}
-    left = tuple(name for name in names if name not in read or name in nearest.values())
+    left = tuple(name for name in names if name in unread or name in nearest.values())
     if not left:
         return RecordingError(words)
     lines = [f'{thing} = "{name}"' for thing, name in nearest.items()]
@@ -465,6 +467,30 @@ def unplaced(
         f"{words}; not read as such: {some(left, 16)}; a mapping file can name them, with lines"
         f" such as {', '.join(lines or [_EXAMPLE.replace('right_elbow', needed[0])])} (mapping)",
         left,
+    )
+
+
+_SCORED: Final = ("neck", "head", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+"""Ends of the centres without which a scored part is not seen."""
+
+
+def overlooked(names: tuple[str, ...], found: Collection[str]) -> tuple[str, ...]:
+    """Return a sentence about names that look like those of what is not found, if there are any.
+
+    Args:
+        names: names of joints or markers that are not read.
+        found: the centres or landmarks that are found.
+    """
+    lines = [
+        f'{thing} = "{name}"'
+        for thing, name in guessed(names).items()
+        if thing not in found and (thing in LANDMARKS or thing.endswith(_SCORED))
+    ]
+    if not lines:
+        return ()
+    return (
+        "Not read although their names suggest it; a mapping file with these lines would"
+        f" (mapping): {some(lines, longest=80)}.",
     )
 
 

@@ -77,6 +77,23 @@ def test_a_line_is_added_to_a_set(line: str, tmp_path: Path) -> None:
     assert (lacks in said(recording)) is ("nothing" in line)
 
 
+def test_markers_whose_names_suggest_a_place_are_proposed() -> None:
+    theirs = {
+        f"{letter}{short}": f"{letter}_{name}"
+        for letter in "RL"
+        for short, name in (("ELB", "ArmLatEpicondyle"), ("ANK", "LatMalleolus"))
+    }
+    recording = read(PLACES, tuple(theirs.get(name, name) for name in NAMES))
+    assert 'right_outer_elbow = "R_ArmLatEpicondyle"' in said(recording)
+    assert 'left_outer_ankle = "L_LatMalleolus".' in said(recording)
+    assert "suggest" not in said(undisturbed())
+
+
+def test_one_wrist_marker_of_motion_analysis() -> None:
+    names = tuple({"RWRA": "RWRI", "LWRA": "LWRI"}.get(name, name) for name in NAMES)
+    np.testing.assert_array_equal(read(PLACES, names).postures, undisturbed().postures)
+
+
 def test_a_joint_centre_beside_markers(tmp_path: Path) -> None:
     mapping = tmp_path / "map.toml"
     mapping.write_text('head_top = "Top"\nright_head_front = ""\n', encoding="utf-8")
