@@ -15,7 +15,7 @@ from importlib import resources
 from itertools import pairwise
 from typing import Any, Final
 
-_LEAST: Final = 4
+_LEAST: Final = 3
 """Least number of places on the skin that are not there by chance."""
 _CHAINS: Final = ("knuckles", "thumb", "toe")
 """Centres whose bones are numbered along a finger or toe."""
