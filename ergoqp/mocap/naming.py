@@ -455,10 +455,12 @@ def unplaced(
         read: those of them that are read.
     """
     unread = tuple(name for name in names if name not in read)
-    # A marker at C7 is a landmark, and without its like the nearest thing to a neck.
-    every = guessed(tuple(names))
-    guess = ({"neck": every["c7"]} if "c7" in every else {}) | every | guessed(unread)
+    guess = guessed(unread)
     nearest = {thing: guess[thing] for thing in needed if thing in guess}
+    if not nearest and "neck" in needed:
+        # A marker at C7 is read as a landmark; without its like it is the nearest thing to a neck.
+        every = guessed(tuple(names))
+        nearest = {"neck": every[name] for name in ("c7", "neck") if name in every}
     left = tuple(name for name in names if name in unread or name in nearest.values())
     if not left:
         return RecordingError(words)
