@@ -460,7 +460,8 @@ def unplaced(
     if not nearest and "neck" in needed:
         # A marker at C7 is read as a landmark; without its like it is the nearest thing to a neck.
         every = guessed(tuple(names))
-        nearest = {"neck": every[name] for name in ("c7", "neck") if name in every}
+        top = every.get("neck", every.get("c7"))
+        nearest = {"neck": top} if top is not None else {}
     left = tuple(name for name in names if name in unread or name in nearest.values())
     if not left:
         return RecordingError(words)
