@@ -81,11 +81,11 @@ class NothingScoredError(RecordingError):
 
 
 class UnknownNamesError(RecordingError):
-    """The joints or markers of a recording follow no known naming scheme.
+    """Joints or markers of a recording follow no known naming scheme, and are needed.
 
     Args:
         words: the message.
-        names: names of the joints or markers in the recording.
+        names: names of the joints or markers in the recording that are not read.
 
     Example:
         >>> import ergoqp

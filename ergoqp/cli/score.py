@@ -96,7 +96,8 @@ def command(
 ) -> None:
     """Score a recording, print the table, and write its files and ``report.html``.
 
-    If joints follow no known naming scheme, a mapping file with the nearest guesses is written.
+    If joints follow no known naming scheme, or those that place pelvis or upper trunk do not, a
+    mapping file with the nearest guesses is written; not over the one that was read.
 
     Raises:
         NothingScoredError: if no frame shows a trunk, after the files are written.
@@ -118,8 +119,10 @@ def command(
             recording = read.load(path, done)
     except UnknownNamesError as unknown:
         folder = make_folder(out, path.stem)
+        mapping = folder / "mapping.toml"
+        if read.mapping is not None and mapping.exists() and mapping.samefile(read.mapping):
+            raise
         with writing(folder):
-            mapping = folder / "mapping.toml"
             mapping.write_text(template(unknown.names, (*CENTRES, *LANDMARKS)), encoding="utf-8")
         raise RecordingError(
             f"{unknown}; a file with the nearest guesses, to be looked through, is {mapping}"

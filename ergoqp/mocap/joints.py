@@ -14,6 +14,7 @@ from ergoqp.human import Body
 from ergoqp.human.body import Marker
 from ergoqp.mocap.formats.text import some
 from ergoqp.mocap.naming import (
+    CENTRES,
     LANDMARKS,
     PLACED,
     RIGID,
@@ -27,6 +28,7 @@ from ergoqp.mocap.naming import (
     landmarks_in,
     named_centres,
     naming_of,
+    overlooked,
     parted,
 )
 from ergoqp.mocap.recording import JointMotion
@@ -41,6 +43,8 @@ _SHARE: Final = 0.5
 """A prefix with fewer joints than this share of the largest number is not a person of its own."""
 _CORNERS: Final = 3
 """Number of markers that determine the orientation of a thing."""
+_FOLLOWED: Final = 12
+"""Most markers of a thing that are followed: every pair of them is tried for an exchange."""
 _SAMPLE: Final = 2000
 """Frames from which the shape of a thing is found, about."""
 _BLOCK: Final = 8192
@@ -90,27 +94,30 @@ def of_subject(motion: JointMotion, subject: str | None, where: str) -> JointMot
     if chosen is None:
         return motion
     said, objects = _said(chosen), dict(motion.objects)
+    theirs = set(groups[chosen].values())
+    people += [p for p, names in groups.items() if p not in people and _is_like(names, theirs)]
     others = [p for p in people if p != chosen]
     for prefix, names in groups.items():
         if prefix in (chosen, "", *people) or prefix in objects:
             continue
         # Joints of a person of whom little is seen may stand still for long, like a thing.
         own, pose = tuple(names.values()), None
+        followed = list(names)[:: -(-len(names) // _FOLLOWED)]
         if _known(own) <= _SHARE * len(own):
-            pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
+            pose = _pose_of(np.stack([motion.of(name) for name in followed], axis=1))
         if pose is None:
             others.append(prefix)
             continue
         objects[prefix] = pose
+        count = "" if len(followed) == len(names) else f" ({len(followed)} of them are followed)"
         said.append(
-            f"{prefix} is an object of {len(names)} markers: its origin is their middle, and its"
-            " axes are the file's axes in the first frame in which it is seen."
+            f"{prefix} is an object of {len(names)} markers{count}: its origin is their middle,"
+            " and its axes are the file's axes in the first frame in which it is seen."
         )
     if others:
         said.append(f"Also in the recording, and left out: {some([repr(p) for p in others])}.")
     # Names without a prefix belong to the person, too, unless a name with the prefix is the same.
-    own = set(groups[chosen].values())
-    keep = {each: new for each, new in groups.get("", {}).items() if new not in own}
+    keep = {each: new for each, new in groups.get("", {}).items() if new not in theirs}
     keep |= groups[chosen]
     return replace(motion.joints(keep), objects=objects, notes=(*said, *motion.notes))
 
@@ -123,6 +130,12 @@ def _named_alike(motion: JointMotion, prefix: str, names: dict[str, str]) -> Joi
     if _known(tuple(names.values())) <= _known(motion.names):
         return motion
     return replace(motion.joints(names), notes=(*_said(prefix), *motion.notes))
+
+
+def _is_like(names: Mapping[str, str], theirs: set[str]) -> bool:
+    """Return whether joints, with and without their prefix, are named as those of a person."""
+    alike = len(theirs.intersection(names.values()))
+    return alike >= max(_LEAST, _SHARE * len(names))
 
 
 def _said(person: str) -> list[str]:
@@ -268,6 +281,7 @@ def joints_of(
         hidden = () if ours else unshown(motion, where)
         place = placed_by_angles if ours else posed
         motion = place(motion, where, reading.body, reading.trust)
+        check_placed(motion.names, where, _unread(motion.columns, "columns"))
     naming, unit = reading.naming, reading.unit
     if reading.subject is not None or not _names_whom(naming, motion.names):
         motion = of_subject(motion, reading.subject, where)
@@ -275,7 +289,6 @@ def joints_of(
     if skin is None:
         used, found = naming_of(motion, naming, where)
         lost = naming.missing_in(motion.names) if naming is not None else ()
-        motion.check_once((motion.names[i] for which in found.values() for i in which), where)
         more, turned = oriented(motion, used, found)
         shoulders, guessed = shoulders_of(motion, found)
         more, turned = more | shoulders, (*turned, *guessed)
@@ -293,6 +306,8 @@ def joints_of(
         read = {**everything, **({} if ready else uses), **motion.columns}
         names = motion.columns if ready else _own(motion, uses)
         said += _unread(names, "columns" if ready else "joints")
+        if not ready:
+            said += overlooked(_left(names), found)
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
             _emptied(motion, things),
@@ -309,7 +324,8 @@ def joints_of(
     uses = _uses(motion, used)
     for name in skin.others:
         uses[motion.in_file.get(name, name)] += " (guessed: a name of another marker set)"
-    said = (*found.said, *_unread(_own(motion, uses), "markers"))
+    own = _own(motion, uses)
+    said = (*found.said, *_unread(own, "markers"), *overlooked(_left(own), {*used, *CENTRES}))
     return replace(found, said=said, read={**everything, **uses, **motion.columns})
 
 
@@ -350,10 +366,14 @@ def _own(motion: JointMotion, uses: Mapping[str, str]) -> dict[str, str]:
 
 def _unread(uses: Mapping[str, str], what: str) -> tuple[str, ...]:
     """Return a sentence about the names that are not read, if there are any."""
-    left = [name for name, use in uses.items() if not use]
+    left = _left(uses)
     if not left:
         return ()
     return (f"{len(uses) - len(left)} of {len(uses)} {what} are read; not read: {some(left)}.",)
+
+
+def _left(uses: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(name for name, use in uses.items() if not use)
 
 
 def _of_markers(
@@ -372,9 +392,6 @@ def _of_markers(
     # A joint centre may be at the file's origin, but a marker at the origin was not seen.
     worn = {**further, **_on_skin(landmarks)}
     motion = off_origin(motion, sorted({i for which in worn.values() for i in which}))
-    motion.check_once(
-        (motion.names[i] for which in (further | landmarks).values() for i in which), where
-    )
     shapes, stated = reading.shapes, reading.unit or motion.unit
     motion, landmarks = _with_known(motion, landmarks, skin.title, shapes)
     size = unit_of_markers(motion, where, landmarks, stated)
@@ -388,7 +405,8 @@ def _of_markers(
     paths, how, astray, doubts = joints_of_markers(
         motion, where, landmarks, further, shapes, size, progress
     )
-    check_placed(tuple(paths), where)
+    read = {motion.names[i] for which in (further | landmarks).values() for i in which}
+    check_placed(tuple(paths), where, names=motion.names, read=read)
     things = {name: _scaled(poses, size) for name, poses in motion.objects.items()}
     return Found(
         _emptied(motion, things),

@@ -334,14 +334,15 @@ def naming_of(
     if mapping is None:
         if not known:
             raise _unknown(motion.names, where)
-        check_placed(found, where)
+        check_placed(found, where, names=motion.names, read=_joints(motion, found))
         return naming, found
     own = mapping.found_in(motion.names)
     if known:
         own = added_to(mapping, own, found)
     if not known or set(own) <= set(mapping.centres):
         naming = mapping
-    check_placed(own, where, mapping.missing_in(motion.names))
+    lost = mapping.missing_in(motion.names)
+    check_placed(own, where, lost, names=motion.names, read=_joints(motion, own))
     return replace(naming, title=mapping.title), own
 
 
@@ -410,24 +411,95 @@ PLACED: Final = {
 """Part of the body that every recording needs -> the centres of which one places it."""
 
 
-def check_placed(centres: Collection[str], where: str, missing: Sequence[str] = ()) -> None:
+def check_placed(
+    centres: Collection[str],
+    where: str,
+    missing: Sequence[str] = (),
+    names: Sequence[str] = (),
+    read: Collection[str] = (),
+) -> None:
     """Raise if the pelvis or the upper trunk cannot be placed from these centres.
 
     Args:
         centres: the centres.
         where: the recording's name, for messages.
-        missing: sentences about names that the recording does not have.
+        missing: sentences about what the recording does not have, or is not read.
+        names: names of the recording's joints or markers, which a mapping can name.
+        read: those of them that are read.
 
     Raises:
+        UnknownNamesError: if so and there are names that are not read.
         RecordingError: if so, with the centres that are needed.
     """
     lost = "".join(f"; {each[0].lower()}{each[1:-1]}" for each in missing)
     for part, needed in PLACED.items():
         if not any(centre in centres for centre in needed):
-            raise RecordingError(
+            raise unplaced(
                 f"{where}: {part} cannot be placed; the recording needs at least one of"
-                f" {', '.join(needed)}{lost}"
+                f" {', '.join(needed)}{lost}",
+                needed,
+                names,
+                read,
             )
+
+
+def unplaced(
+    words: str, needed: Sequence[str], names: Sequence[str], read: Collection[str]
+) -> RecordingError:
+    """Return the error for a part that cannot be placed, with the names that a mapping can name.
+
+    Args:
+        words: the message.
+        needed: centres or landmarks that place the part.
+        names: names of the recording's joints or markers.
+        read: those of them that are read.
+    """
+    unread = tuple(name for name in names if name not in read)
+    guess = guessed(unread)
+    nearest = {thing: guess[thing] for thing in needed if thing in guess}
+    if not nearest and "neck" in needed:
+        # A marker at C7 is read as a landmark; without its like it is the nearest thing to a neck.
+        every = guessed(tuple(names))
+        top = every.get("neck", every.get("c7"))
+        nearest = {"neck": top} if top is not None else {}
+    left = tuple(name for name in names if name in unread or name in nearest.values())
+    if not left:
+        return RecordingError(words)
+    lines = [f'{thing} = "{name}"' for thing, name in nearest.items()]
+    return UnknownNamesError(
+        f"{words}; not read as such: {some(left, 16)}; a mapping file can name them, with lines"
+        f" such as {', '.join(lines or [_EXAMPLE.replace('right_elbow', needed[0])])} (mapping)",
+        left,
+    )
+
+
+_SCORED: Final = ("neck", "head", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+"""Ends of the centres without which a scored part is not seen."""
+
+
+def overlooked(names: tuple[str, ...], found: Collection[str]) -> tuple[str, ...]:
+    """Return a sentence about names that look like those of what is not found, if there are any.
+
+    Args:
+        names: names of joints or markers that are not read.
+        found: the centres or landmarks that are found.
+    """
+    lines = [
+        f'{thing} = "{name}"'
+        for thing, name in guessed(names).items()
+        if thing not in found and (thing in LANDMARKS or thing.endswith(_SCORED))
+    ]
+    if not lines:
+        return ()
+    return (
+        "Not read although their names suggest it; a mapping file with these lines would"
+        f" (mapping): {some(lines, longest=80)}.",
+    )
+
+
+def _joints(motion: JointMotion, found: Mapping[str, tuple[int, ...]]) -> set[str]:
+    """Return the names of the joints that are read."""
+    return {motion.names[i] for which in found.values() for i in which}
 
 
 def _listed(entries: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:

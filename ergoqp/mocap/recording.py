@@ -18,7 +18,7 @@ from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap.fitting.unknown import Spans, spans_within, with_spans
 from ergoqp.mocap.fitting.validity import scored_frames
 from ergoqp.mocap.formats.text import count_of, short, some
-from ergoqp.mocap.formats.times import are_alike, count_repeated_frames, to_seconds
+from ergoqp.mocap.formats.times import count_repeated_frames, to_seconds
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class JointMotion:
         measures: the file's name of a body measure, in small letters -> its value [m].
         up: the file's vertical axis, one of `ergoqp.mocap.fitting.axes.UPS`; None if the file
             does not state it.
-        twice: names that the file has more than once with different content; the first is kept.
+        twice: joint angles that the file has more than once with different numbers; the first is
+            kept.
         in_file: name -> its name in the file, where that is another.
         columns: column of the file that is no point -> what it is used as; empty if not used.
 
@@ -103,36 +104,42 @@ class JointMotion:
             positions=self.positions[:, places],
             rest=None if self.rest is None else self.rest[places],
             turns={keep[name]: each for name, each in self.turns.items() if name in keep},
-            twice=tuple(keep[name] for name in self.twice if name in keep),
             in_file={new: self.in_file.get(name, name) for name, new in keep.items()},
         )
 
     def once(self) -> JointMotion:
         """Return the motion with unique names: of points with the same name the first is kept.
 
-        A sentence names them, and `twice` those that differ.
+        If they nowhere differ, it is completed by the others where it is not seen. Sentences name
+        them, and tell how far those that differ are apart.
         """
         first: dict[str, int] = {}
         again = [(i, name) for i, name in enumerate(self.names) if first.setdefault(name, i) != i]
         if not again:
             return self
-        paths = self.positions
-        differing = [n for i, n in again if not are_alike(paths[:, i], paths[:, first[n]]).all()]
-        repeated = list(dict.fromkeys(name for _, name in again))
+        paths = self.positions[:, list(first.values())]
+        place = {name: i for i, name in enumerate(first)}
+        apart: dict[str, float] = {}
+        for i, name in again:
+            kept, other = paths[:, place[name]], self.positions[:, i]
+            away = np.linalg.norm(other.astype(float) - kept, axis=1)
+            far = float(np.fmax.reduce(away, initial=0.0))
+            apart[name] = max(far, apart.get(name, 0.0))
+            if not far:
+                kept[:] = np.where(np.isnan(kept), other, kept)
         return replace(
             self,
             names=tuple(first),
-            positions=paths[:, list(first.values())],
+            positions=paths,
             rest=None if self.rest is None else self.rest[list(first.values())],
-            notes=(*self.notes, said_twice(repeated)),
-            twice=tuple(dict.fromkeys([*self.twice, *differing])),
+            notes=(*self.notes, *_said_apart(apart, self.unit)),
         )
 
     def check_once(self, used: Iterable[str], where: str) -> None:
-        """Raise if the file has a name that is used more than once, with different content.
+        """Raise if the file has a joint angle that is used more than once, with different numbers.
 
         Args:
-            used: names of joints, markers or angles.
+            used: names of the angles.
             where: the file's name, for messages.
 
         Raises:
@@ -142,8 +149,7 @@ class JointMotion:
             if name in self.twice:
                 raise RecordingError(
                     f"{where}: got {short(name)} more than once with different numbers, allowed"
-                    " once; rename or remove one in the file, or read it without that name: a"
-                    ' mapping file with a line such as right_wrist = "" (mapping)'
+                    " once; rename or remove one in the file"
                 )
 
 
@@ -192,6 +198,28 @@ def with_times(
 def said_twice(names: Sequence[str]) -> str:
     """Return a sentence about names that a file has more than once."""
     return f"In the file more than once, of which the first is used: {some(list(names))}."
+
+
+def _said_apart(apart: Mapping[str, float], unit: float | None) -> list[str]:
+    """Return sentences about points that a file has more than once.
+
+    Args:
+        apart: name -> largest distance between points of that name [file unit].
+        unit: the file's unit of length [m]; None if it is unknown.
+    """
+    alike = [name for name, far in apart.items() if not far]
+    said = [said_twice(alike)] if alike else []
+    far = [
+        f"{name} (up to {f'{each:.3g}' if unit is None else f'{1000 * unit * each:.0f} mm'} apart)"
+        for name, each in apart.items()
+        if each
+    ]
+    if far:
+        said.append(
+            "In the file more than once with different numbers, of which the first is used and the"
+            f" others are left out: {some(far, longest=80)}."
+        )
+    return said
 
 
 def count_note(stated: str, found: int, what: str) -> list[str]:

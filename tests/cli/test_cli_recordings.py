@@ -107,6 +107,13 @@ class TestOptions:
         written = (tmp_path / "out" / "mapping.toml").read_text()
         assert 'pelvis = "pelvis"' in written
         assert '# neck = ""' in written
+        # It is not written over when it is handed back and lacks what is needed.
+        (tmp_path / "out" / "mapping.toml").write_text('pelvis = "pelvis"\n')
+        handed = ("--rate", "30", "--out", "out", "--mapping", "out/mapping.toml")
+        said = mistake(ergoqp("score", "take.csv", *handed))
+        assert "the upper trunk cannot be placed" in said
+        assert said.endswith('with lines such as neck = "theirs" (mapping)')
+        assert (tmp_path / "out" / "mapping.toml").read_text() == 'pelvis = "pelvis"\n'
 
     def test_two_people(self, ergoqp, tmp_path):
         self.table(tmp_path / "take.csv")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.made_motions import RATE, walk
-from ergoqp.errors import RecordingError
+from ergoqp.errors import RecordingError, UnknownNamesError
 from ergoqp.mocap import Recording, fit_postures
 
 
@@ -64,3 +64,16 @@ def test_too_little_is_refused_with_what_it_lacks(mapping: Path) -> None:
         match=r"the pelvis cannot be placed; .*; the mapping file map.toml names p, which the",
     ):
         fit_postures(["n", "a"], np.ones((5, 2, 3)), 50.0, mapping=mapping)
+
+
+def test_names_that_are_not_read_are_named_where_a_part_cannot_be_placed() -> None:
+    places = walk()[0]
+    theirs = {"neck": "C7", "right_shoulder": "R.Acr", "left_shoulder": "L.Acr", "head": "TETE"}
+    names = [theirs.get(name, name) for name in places]
+    with pytest.raises(UnknownNamesError) as refused:
+        fit_postures(names, np.stack(list(places.values()), axis=1), RATE)
+    assert str(refused.value).endswith(
+        "of neck, right_shoulder, left_shoulder; not read as such: C7, TETE, R.Acr, L.Acr;"
+        ' a mapping file can name them, with lines such as neck = "C7" (mapping)'
+    )
+    assert set(refused.value.names) == set(theirs.values())

@@ -49,3 +49,32 @@ def test_a_walk_of_unity_is_read_as_ours() -> None:
     assert "The joints are named as in the Unity humanoid skeleton." in one.assumptions
     np.testing.assert_array_equal(one.postures, other.postures)
     np.testing.assert_array_equal(one.observed, other.observed)
+
+
+def test_names_that_look_like_joints_that_are_not_read_are_proposed() -> None:
+    places = walk()[0]
+    body = next(each for each in known_namings() if each.title == "OpenPose BODY_25")
+    names = {c: theirs[0] for c, theirs in body.centres.items() if c in places and c != "head"}
+    names |= {"right_wrist": "Hand_R", "left_wrist": "Hand_L", "left_toe": "ToeL"}
+    positions = np.stack([places[centre] for centre in names], axis=1)
+    recording = fit_postures([*names.values(), "box"], padded(positions), RATE)
+    assert "The joints are named as in the OpenPose BODY_25 skeleton." in recording.assumptions
+    assert (
+        "Not read although their names suggest it; a mapping file with these lines would (mapping):"
+        ' right_wrist = "Hand_R", left_wrist = "Hand_L".'
+    ) in recording.assumptions
+    names |= {"right_wrist": "RWrist", "left_wrist": "LWrist"}
+    recording = fit_postures([*names.values(), "Hand_R"], padded(positions), RATE)
+    assert not any("suggest" in each for each in recording.assumptions)
+
+
+def padded(positions: np.ndarray) -> np.ndarray:
+    """Return positions with one more point."""
+    return np.concatenate([positions, positions[:, :1] + 0.1], axis=1)
+
+
+def test_keypoints_of_halpe_and_of_openpose() -> None:
+    sides = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle", "BigToe")
+    both = ("Neck", "Nose", *(f"{side}{name}" for side in "RL" for name in sides))
+    assert found(both) == found((*both, "MidHip", "REar", "LEar")) == "OpenPose BODY_25"
+    assert found((*both, "Head")) == found((*both, "Head", "Hip", "REar", "LEar")) == "HALPE 26"

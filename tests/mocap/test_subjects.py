@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -296,3 +297,26 @@ def test_the_person_and_the_box_of_a_handling_study(shared: Path) -> None:
         turn = Rotation.from_matrix(poses[i, :3, :3] @ poses[whole[0], :3, :3].T)
         assert np.degrees((turn * theirs.inv()).magnitude()) < 1.5
         assert np.linalg.norm(poses[i, :3, 3] - points[i].mean(axis=0)) < 5
+
+
+def test_another_person_under_unknown_names_is_not_followed_as_a_thing() -> None:
+    theirs = tuple(f"J{i}" for i in range(60))
+    motion = motion_of([*whose("Ann", theirs), *whose("Bob", theirs), *whose("Eve", theirs[:20])])
+    start = process_time()
+    found = chosen(motion, "Ann")
+    assert process_time() - start < 1.0
+    assert found.names == theirs
+    assert found.notes[1] == "Also in the recording, and left out: 'Bob', 'Eve'."
+
+
+def test_many_points_of_others_end_soon() -> None:
+    motion = with_thing(motion_of(whose("Ann")), "crowd", 100 * motion_of(["x"] * 60).positions)
+    start = process_time()
+    assert not chosen(motion, "Ann").objects
+    assert process_time() - start < 5.0
+    _, turn, place = carried()
+    shape = np.random.default_rng(3).normal(scale=200.0, size=(30, 3))
+    box = np.stack([turn.apply(point) for point in shape], axis=1) + place[:, None]
+    found = chosen(with_thing(motion_of(whose("Ann")), "box", box), "Ann")
+    assert "box is an object of 30 markers (10 of them are followed): its" in found.notes[1]
+    assert set(found.objects) == {"box"}

@@ -21,7 +21,6 @@ from ergoqp.mocap.formats.text import (
     TableOptions,
     TextLines,
     cells,
-    count_of,
     is_number,
     points_of,
     read_rows,
@@ -112,11 +111,6 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
                 turns.of(rows[:, turning].reshape(len(rows), -1, 4)).astype(np.float32),
             ),
         )
-    total, found = count_of(stated.get("Total Exported Frames", "")), len(positions)
-    if total is not None and total > found:
-        raise RecordingError(
-            f"{path.name}: got {found} frames, allowed {total} as stated; the recording is cut"
-        )
     units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}
     objects = {
         thing.name: poses_of(positions[:, i], units[id(thing)])
@@ -128,7 +122,7 @@ def read_motive(path: Path, progress: Progress, asked: TableOptions) -> JointMot
         positions[:, : len(points) + len(again)],
         _times(numbered, stated),
         notes=(
-            *count_note(stated.get("Total Exported Frames", ""), found, "frames"),
+            *count_note(stated.get("Total Exported Frames", ""), len(positions), "frames"),
             *turns.said(),
         ),
         turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},

@@ -43,7 +43,7 @@ from ergoqp.mocap.formats.text import (
     some,
     text_lines,
 )
-from ergoqp.mocap.formats.times import count_repeated_frames, uniform_times
+from ergoqp.mocap.formats.times import FASTEST, SLOWEST, count_repeated_frames, uniform_times
 from ergoqp.mocap.recording import JointMotion, with_times
 
 _HEADER_LINES: Final = 20
@@ -79,12 +79,13 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
             if header
             else layout_without_header(lines, words, asked)
         )
-        if layout.time is None and asked.rate is None:
+        rate = asked.rate
+        if layout.time is None and rate is None and (rate := _stated_rate(named)) is None:
             raise RecordingError(
                 f"{path.name}: got no column of times, allowed one that is called time or"
                 f" timestamp{_RATE}"
             )
-        table = _Table(path.name, layout, asked.rate, words)
+        table = _Table(path.name, layout, rate, words)
         chosen = table.chosen(lines, line)
         arrays = read_rows(
             lines,
@@ -98,6 +99,15 @@ def read_table(path: Path, progress: Progress, asked: TableOptions) -> JointMoti
     if header and asked.columns:
         notes.append("The stated names (columns) are not used: the table has its own.")
     return replace(table.motion(*arrays, notes=notes), columns=table.columns())
+
+
+def _stated_rate(header: list[list[str]]) -> float | None:
+    """Return the rate [Hz] that a row of the head states, as in "100,Hz"; None if none does."""
+    for row in header:
+        word, *unit = " ".join(row).replace(",", ".").split() or [""]
+        if unit == ["Hz"] and is_number(word) and SLOWEST <= float(word) <= FASTEST:
+            return float(word)
+    return None
 
 
 def _check_width(

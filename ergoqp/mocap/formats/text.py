@@ -274,6 +274,7 @@ def read_rows(
     split: Callable[[np.ndarray], Sequence[np.ndarray]],
     blanks: bool = False,
     chosen: Sequence[ChosenColumn] | None = None,
+    further: list[int] | None = None,
 ) -> list[np.ndarray]:
     """Return the rest of a file as arrays, into which `split` splits a block of rows (n, width).
 
@@ -287,6 +288,9 @@ def read_rows(
         split: function that returns the next rows of each array.
         blanks: whether a row of separators only is a frame in which nothing was seen.
         chosen: the columns that are read, in the order in which they are split, if not all are.
+        further: gets for each row that is wider by whole points their number; they are left out.
+            None: such a row is wrong, and so is it where white space separates the numbers, which
+            does not show what is blank.
 
     Raises:
         RecordingError: if there is no row, or a row is wrong.
@@ -306,7 +310,9 @@ def read_rows(
         count += len(rows) * width
         if count > max(_BEARABLE, _LEFT_OUT * lines.file.tell()):
             lines.fail(f"got rows with hardly any numbers, allowed {width} in each")
-        values = np.array([_values(lines, i, row, separator, width, chosen) for i, row in rows])
+        values = np.array(
+            [_values(lines, i, row, separator, width, chosen, further) for i, row in rows]
+        )
         if (large := np.argwhere(np.abs(values) > LARGEST)).size:
             at, column = large[0]
             value = values[at, column]
@@ -370,16 +376,20 @@ def _values(
     separator: str | None,
     width: int,
     chosen: Sequence[ChosenColumn] | None,
+    further: list[int] | None,
 ) -> list[float]:
     """Return the numbers of a row."""
     words = row.split(separator)
     while len(words) > width and not words[-1].strip():
         words.pop()
-    count = len(words)
+    count, decimal = len(words), commas(separator, len(words), width)
+    points, part = divmod(count - width, 3)
+    if further is not None and separator is not None and points > 0 and not part and not decimal:
+        further.append(points)
+        words = words[:width]
+        count, row = width, separator.join(words)
     if count > width or (separator is None and count < width):
-        lines.fail(
-            f"got a row of {count} numbers, allowed {width}{commas(separator, count, width)}", line
-        )
+        lines.fail(f"got a row of {count} numbers, allowed {width}{decimal}", line)
     if count < width and line == lines.line and not lines.ends:
         lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
     words += [""] * (width - count)

@@ -43,7 +43,7 @@ _UNIT: Final = (
     r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds|ticks"
 )
 _TIMES: Final = re.compile(
-    r"[%#]?\s*(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
+    r"[%#]?\s*(?:time[\s_]?stamps?|times?|ts?|sec|seconds)"
     rf"(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|[\s_.]+(?P<tail>{_UNIT}))?",
     re.IGNORECASE,
 )

@@ -71,11 +71,13 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
         # Cortex writes markers without a name: their columns have coordinates and no name above.
         count = max(at[-1] // 3 + 1, _coordinates(cells(below, separator)) // 3)
         which = [2 + column + i for column in at for i in range(3)]
+        further: list[int] = []
         stamps, positions = read_rows(
             lines,
             separator,
             2 + 3 * count,
             lambda rows: (rows[:, 1], points_of(rows[:, which])),
+            further=further,
         )
     # Some programs write other units than seconds, which follow from the rate.
     rate = stated.get("datarate", "").replace(",", ".")
@@ -83,6 +85,7 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     lost = count - len(names)
     counts = [
         *([f"{lost} markers have no name and are left out."] if lost else []),
+        *([_said_further(further, len(positions))] if further else []),
         *count_note(stated.get("numframes", ""), len(positions), "frames"),
         *count_note(stated.get("nummarkers", ""), count, "markers"),
     ]
@@ -96,6 +99,19 @@ def read_trc(path: Path, progress: Progress, asked: TableOptions) -> JointMotion
     )
     motion = with_times(path.name, motion.once(), second)
     return replace(motion, notes=(*notes, *motion.notes))
+
+
+def _said_further(further: list[int], count: int) -> str:
+    """Return a sentence about rows with further points, which Cortex writes where it sees them.
+
+    Args:
+        further: the number of points, of the rows that have some.
+        count: number of rows.
+    """
+    return (
+        f"{len(further)} of {count} rows have up to {max(further)} more markers than the head"
+        " names: these are left out."
+    )
 
 
 def _coordinates(words: list[str]) -> int:

@@ -41,7 +41,7 @@ from ergoqp.mocap.markers.shoulders import (
     sliding_said,
     turned,
 )
-from ergoqp.mocap.naming import CENTRES, RIGID
+from ergoqp.mocap.naming import CENTRES, RIGID, unplaced
 from ergoqp.mocap.recording import JointMotion
 
 _ROUNDS: Final = 5
@@ -326,12 +326,13 @@ def joints_of_markers(
     segments, said = rigid_segments(motion, landmarks, more, given, unit, every)
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
-        unplaced = _unplaced(where, sample)
+        words = _unplaced(where, sample)
         # A person file of somebody else may be the reason, so its sentence is added.
         for sentence in said:
             if "pelvis's markers are not where" in sentence:
-                unplaced += f"; t{sentence[1:-1]}"
-        raise RecordingError(unplaced)
+                words += f"; t{sentence[1:-1]}"
+        read = {motion.names[i] for which in (*landmarks.values(), *more.values()) for i in which}
+        raise unplaced(words, RIGID["pelvis"], motion.names, read)
     widths, count = Widths.of(motion.measures), len(motion.time)
     sliding = _sliding(sample, widths, size)
     turns = turns_of(sample, widths, size, sliding)

@@ -102,6 +102,14 @@ def test_harmless_variants(content: str, tmp_path: Path) -> None:
     assert (motion.unit, motion.notes) == (1.0, (UNIFORM,))
 
 
+@pytest.mark.parametrize("stated", ["17263", "9" * 5000])
+def test_fewer_frames_than_stated_are_read(stated: str, tmp_path: Path) -> None:
+    content = MOTIVE[: MOTIVE.index("2,0.2")].replace("Frames,3", f"Frames,{stated}")
+    motion = read(read_motive, write(tmp_path / "a.csv", content))
+    np.testing.assert_array_equal(motion.of("A:Hip"), HIP[:2])
+    assert f"The file states {stated[:18]} frames and has 2: all are read." in motion.notes
+
+
 def test_names_with_accents(tmp_path: Path) -> None:
     content = MOTIVE.replace("A:Hip", "Hüfte").encode("latin-1")
     assert read(read_motive, write(tmp_path / "a.csv", content)).names == ("Hüfte",)
@@ -143,19 +151,7 @@ BROKEN = {
         "the file ends in line 4, required is the row 'Frame'",
     ),
     "head only": (MOTIVE[: MOTIVE.index("\n0,0") + 1], "^a.csv: got no row of numbers, allowed"),
-    "cut between rows": (
-        MOTIVE[: MOTIVE.index("2,0.2")],
-        "^a.csv: got 2 frames, allowed 3 as stated; the recording is cut",
-    ),
     "cut in a row": (MOTIVE[:-14], "line 10: got a row of 10 numbers, allowed 20: the file is cut"),
-    "a billion frames": (
-        MOTIVE.replace("Frames,3", "Frames,1000000000"),
-        "got 3 frames, allowed 1000000000 as stated; the recording is cut",
-    ),
-    "more than a billion": (
-        MOTIVE.replace("Frames,3", "Frames," + "9" * 5000),
-        "got 3 frames, allowed 9{18} as stated; the recording is cut",
-    ),
     "Euler angles": (MOTIVE.replace("Quaternion", "XYZ"), "line 1: Rotation Type: got 'XYZ'"),
     "local": (MOTIVE.replace("Global", "Local"), "line 1: Coordinate Space: got 'Local', allowed"),
     "many rows above": (

@@ -318,6 +318,12 @@ def test_what_the_file_does_not_have_is_left_out():
     assert not {"neck", "right_shoulder"} & set(posed(replace(upright(), angles=legs), "x").names)
 
 
+def test_columns_that_are_not_read_are_named_where_the_trunk_is_unknown():
+    angles = {name.replace("lumbar", "L5_S1"): each for name, each in upright().angles.items()}
+    with pytest.raises(RecordingError, match=r"the upper trunk cannot .* not read: L5_S1_extensi"):
+        recording_of(replace(upright(), angles=angles), "some.mot", ReadOptions())
+
+
 @pytest.mark.parametrize(
     "names",
     [

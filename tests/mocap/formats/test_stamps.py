@@ -216,6 +216,7 @@ def test_times_that_are_too_coarse_are_refused(stamps: np.ndarray) -> None:
     ("word", "found"),
     [
         ("%time", (True, None)),
+        ("# times", (True, None)),
         ("Timestamp [ms]", (True, 1e-3)),
         ("t_ns", (True, 1e-9)),
         ("tip", (False, None)),

@@ -177,6 +177,20 @@ def test_confidences_of_frames_that_end_in_blanks(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isfinite(motion.positions[:, 0, 0]), [True, False])
 
 
+@pytest.mark.parametrize("row", ["20,Hz", "20 Hz", "20,Hz,,,,,"])
+def test_a_rate_in_the_head(row: str, tmp_path: Path) -> None:
+    content = "\n".join(line.partition(",")[2] for line in TABLE.splitlines()) + "\n"
+    motion = read(read_table, write(tmp_path / "a.csv", f"TRAJECTORIES\n{row}\n{content}"))
+    assert motion.time == pytest.approx([0, 0.05, 0.1])
+    assert "There are 20 frames per second, as stated." in motion.notes
+    stated = read(read_table, write(tmp_path / "a.csv", f"{row}\n{content}"), rate=10)
+    assert stated.time == pytest.approx([0, 0.1, 0.2])
+    timed = read(read_table, write(tmp_path / "a.csv", f"{row}\n{TABLE}"))
+    assert timed.time == pytest.approx([0, 0.1, 0.2])
+    for other in ("20,mm", "1e9,Hz", "fast,Hz", "Hz"):
+        refused(read_table, write(tmp_path / "a.csv", f"{other}\n{content}"), "no column of times")
+
+
 def test_a_rate_where_there_are_no_times(tmp_path: Path) -> None:
     rows = "\n".join(row.partition(",")[2] for row in TABLE.splitlines())
     path = write(tmp_path / "a.csv", rows.replace("1.5,2.5,3.5,4.5,5.5,6.5", ",,,,,") + "\n,,,,,\n")

@@ -84,6 +84,16 @@ def test_counts_are_compared(counts: str, notes: tuple[str, ...], tmp_path: Path
     assert read(read_trc, write(tmp_path / "a.trc", content)).notes == (UNIFORM, *notes)
 
 
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_further_markers_at_the_end_of_rows_are_left_out(separator: str, tmp_path: Path) -> None:
+    further = TRC.replace("5.5\t6.5", "5.5\t6.5\t7\t8\t9").replace("6.25", "6.25\t1\t1\t1\t\t\t")
+    content = further.replace("\t", separator)
+    motion = read(read_trc, write(tmp_path / "a.trc", content))
+    np.testing.assert_array_equal(motion.positions, POINTS)
+    said = "2 of 3 rows have up to 1 more markers than the head names: these are left out."
+    assert motion.notes == (UNIFORM, said)
+
+
 @pytest.mark.parametrize(
     ("unit", "word"),
     [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")],
@@ -138,6 +148,14 @@ BROKEN = {
     ),
     "other first column": (TRC.replace("Frame#", "Number"), "line 4: got 'Number', allowed Frame#"),
     "a wide row": (TRC.replace("5.5\t6.5", "5.5\t6.5\t7"), "line 8: got a row of 9 numbers"),
+    "further markers between white space": (
+        TRC.replace("R K", "RK").replace("\t", " ").replace("5.5 6.5", "5.5 6.5 7 8 9"),
+        "line 8: got a row of 11 numbers, allowed 8",
+    ),
+    "decimal commas between commas": (
+        TRC.replace("\t", ",").replace("1.5,2.5,3.5,4.5,5.5,6.5", ",".join("123456789012")),
+        "line 8: got a row of 14 numbers, allowed 8: a comma seems",
+    ),
     "a word": (TRC.replace("5.5", "five"), "line 8: got 'five', allowed a number"),
     "no times": (TRC.replace("2\t0.1", "2\t").replace("3\t0.2", "3\t"), "frame 2 has no time"),
     "time back": (TRC.replace("2\t0.1", "2\t0.3"), "time runs backwards from frame 2 to 3"),

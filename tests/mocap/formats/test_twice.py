@@ -55,20 +55,19 @@ TWICE: dict[str, tuple[Reader, str, str]] = {
 def test_the_first_of_two_points_is_read_and_said(name: str, tmp_path: Path) -> None:
     reader, content, twice = TWICE[name]
     motion = read(reader, write(tmp_path / "a.csv", content))
-    assert (motion.names.count(twice), motion.twice) == (1, (twice,))
+    assert motion.names.count(twice) == 1
     if name != "bvh":
         np.testing.assert_array_equal(motion.of(twice)[0], [1, 2, 3])
-    assert f"In the file more than once, of which the first is used: {twice}." in motion.notes
-    with pytest.raises(RecordingError, match=rf"^a: got '{twice}' more than once .* \(mapping\)$"):
-        motion.check_once([twice], "a")
-    motion.check_once(["another"], "a")
+    assert any(f"the others are left out: {twice} (up to " in note for note in motion.notes)
 
 
 def test_two_columns_of_joint_angles(tmp_path: Path) -> None:
     both = STORAGE.replace("pelvis_tx", "knee_angle_r")
     motion = read(read_storage, write(tmp_path / "a.mot", both))
     assert motion.angles["knee_angle_r"] == pytest.approx([np.pi / 2, np.pi / 4, 0])
-    assert motion.twice == ("knee_angle_r",)
+    with pytest.raises(RecordingError, match=r"^a: got 'knee_angle_r' more than once with diff"):
+        motion.check_once(["knee_angle_r"], "a")
+    motion.check_once(["another"], "a")
     alike = both.replace("\t0.5", "\t90").replace("\t0.6", "\t45").replace("\t0.7", "\t0")
     assert read(read_storage, write(tmp_path / "b.mot", alike)).twice == ()
 
@@ -78,14 +77,30 @@ def test_points_that_are_equal_in_all_frames_are_no_matter(tmp_path: Path) -> No
     alike = "\n".join(",".join([*row[:4], *row[1:4]]) for row in rows)
     for content in (alike, alike.replace("1.5,2.5,3.5", ",,")):
         motion = read(read_table, write(tmp_path / "a.csv", content))
-        assert motion.twice == ()
         assert "In the file more than once, of which the first is used: neck." in motion.notes
 
 
-def test_names_follow_those_of_the_chosen_person() -> None:
-    motion = JointMotion(("A:a", "A:b"), np.zeros((2, 2, 3)), np.arange(2.0), twice=("A:b",))
-    assert motion.joints({"A:a": "a", "A:b": "b"}).twice == ("b",)
-    assert motion.joints({"A:a": "a"}).twice == ()
+def test_points_of_equal_names_are_one_unless_they_differ() -> None:
+    first, other = np.zeros((4, 3)), np.zeros((4, 3))
+    first[0], other[1] = np.nan, np.nan
+    motion = JointMotion(("a", "b", "a"), np.stack([first, first, other], axis=1), np.arange(4.0))
+    said = "In the file more than once, of which the first is used: a."
+    once = motion.once()
+    assert (once.names, once.notes) == (("a", "b"), (said,))
+    assert np.isfinite(once.of("a")).all()
+    assert np.isnan(motion.positions[0, 0]).all()
+    never = replace(motion, positions=motion.positions * [[[np.nan], [1], [1]]]).once()
+    np.testing.assert_array_equal(never.of("a"), other)
+    other[3] = [0.003, 0.004, 0]
+    motion = replace(motion, positions=np.stack([first, first, other], axis=1))
+    for unit, apart in ((None, "0.005"), (0.01, "0 mm"), (1.0, "5 mm")):
+        once = replace(motion, unit=unit).once()
+        np.testing.assert_array_equal(once.of("a"), first)
+        assert once.notes[0].endswith(f"the others are left out: a (up to {apart} apart).")
+
+
+def test_the_rest_pose_of_points_of_equal_names() -> None:
+    motion = JointMotion(("A:a", "A:b"), np.zeros((2, 2, 3)), np.arange(2.0))
     repeated = replace(motion, names=("A:a", "A:a"), rest=np.array([[1.0, 0, 0], [2.0, 0, 0]]))
     once = repeated.once()
     assert (once.names, once.positions.shape) == (("A:a",), (2, 1, 3))

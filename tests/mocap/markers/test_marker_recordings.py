@@ -11,7 +11,7 @@ from marker_takes import NAMES, OFF, PLACES, at, read, said, undisturbed, withou
 
 from benchmarks.made_markers import write_c3d, write_table
 from benchmarks.made_motions import RATE
-from ergoqp.errors import RecordingError
+from ergoqp.errors import RecordingError, UnknownNamesError
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.mocap import load_recording
 from ergoqp.mocap.fitting.axes import UPS, axes_of
@@ -123,6 +123,15 @@ def test_a_pelvis_that_cannot_be_placed(gone: tuple[str, ...]) -> None:
     places[:, at(*gone)] = np.nan
     with pytest.raises(RecordingError, match=needed):
         read(places)
+
+
+def test_markers_of_the_pelvis_under_unknown_names() -> None:
+    theirs = {"LASI": "Bassin1", "RASI": "Bassin2"}
+    with pytest.raises(UnknownNamesError) as refused:
+        read(PLACES, tuple(theirs.get(name, name) for name in NAMES))
+    assert "not read as such: Bassin2, Bassin1; a mapping" in str(refused.value)
+    assert 'such as right_asis = "theirs" (mapping)' in str(refused.value)
+    assert refused.value.names == ("Bassin2", "Bassin1")
 
 
 def test_legs_alone() -> None:
