@@ -128,6 +128,20 @@ def test_neck_and_arms_are_measured_from_a_trunk_beyond_its_range(beyond: dict[s
     assert off[recording.observed[:, others]].max() < 1
 
 
+def test_a_hand_is_measured_from_a_forearm_beyond_its_range() -> None:
+    truth = posture(
+        COUNT,
+        right_shoulder_rotation=swing(0, 115),
+        right_elbow_flexion=90.0,
+        right_forearm_pronation=-20.0,
+        right_wrist_flexion=30.0,
+        right_wrist_deviation=10.0,
+    )
+    recording = fitted(whole(STANDS, truth), neutral="vertical")
+    wrist = [INDEX[f"right_{n}"] for n in ("forearm_pronation", "wrist_flexion", "wrist_deviation")]
+    assert np.degrees(np.abs(recording.postures - truth))[:, wrist].max() < 1
+
+
 def test_a_knee_that_is_bent_backward_is_straight() -> None:
     truth = posture(COUNT, legs_knee_flexion=-16.0, **ARMS)
     recording = fitted(whole(STANDS, truth), neutral="vertical")

@@ -125,17 +125,16 @@ def arm_angles(
     hanging = _hanging(held, out)
     turn = near(_turn(forearm, hanging, out), lower[2], upper[2])
     turn = steady(turn, np.where(bend > _NOTHING, shows[:, 2], 0.0), time, leaps)
-    rotation = np.clip(turn, lower[2], upper[2])
-    elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
-
-    axes = hanging * Rotation.from_euler("ZY", np.stack([-out * rotation, -elbow], 1))
+    elbow = filled(bend, time)
+    # The hand is measured in the forearm's own axes, even beyond the ranges.
+    axes = hanging * Rotation.from_euler("ZY", np.stack([-out * turn, -elbow], 1))
     into = axes.inv()
     angles, told = _wrist_angles(side, into.apply(hand), into.apply(thumb), time)
     angles |= {
         "shoulder_flexion": flexion,
         "shoulder_abduction": held[:, 1],
-        "shoulder_rotation": rotation,
-        "elbow_flexion": elbow,
+        "shoulder_rotation": np.clip(turn, lower[2], upper[2]),
+        "elbow_flexion": np.clip(elbow, *_range(side, "elbow_flexion")),
     }
     told |= dict.fromkeys(("shoulder_flexion", "shoulder_abduction"), np.isfinite(up))
     # A straight arm does not show how it is rotated.
