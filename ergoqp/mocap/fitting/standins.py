@@ -100,11 +100,12 @@ def off_by(places: Mapping[str, np.ndarray], usual: UsualPlaces) -> np.ndarray:
         usual: where both of its ends usually are.
     """
     half = np.zeros(len(places["neck"]), dtype=np.float32)
-    for end, (known, unknown), place in (
-        (places["neck"], _NECK, usual.neck),
-        (places["left_hip"] + places["right_hip"], _HIPS, usual.hips),
+    for end, other, (known, unknown), place in (
+        (places["neck"], _middle(places, "shoulder"), _NECK, usual.neck),
+        (_middle(places, "hip"), places["pelvis"], _HIPS, usual.hips),
     ):
-        half += np.where(np.isfinite(end[:, 0]), 0.0, unknown if np.isnan(place[0]) else known)
+        stands = np.isnan(end[:, 0]) & np.isfinite(other[:, 0])
+        half += np.where(stands, unknown if np.isnan(place[0]) else known, 0.0)
     return half
 
 

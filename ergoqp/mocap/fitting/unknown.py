@@ -47,9 +47,7 @@ _LEANS: Final = tuple(
 _TOLD: Final = np.radians(10.0)
 """Distance between the ends of an angle up to which it is determined, if it depends on others."""
 _SAME: Final = 0.3
-"""Share by which a time between two frames may be longer than one of these."""
-_TICK: Final = 1e-4
-"""Difference of equal times, which are rounded in files [s]."""
+"""Share by which a time between two frames may differ from one of these."""
 _SAMPLE: Final = 4000
 """Number of movements that are measured, about."""
 
@@ -233,20 +231,42 @@ def _moves(
     alone, across = [0.0], [0.0]
     for lag in _TIMES[1:]:
         free = whole * min(1.0, lag / _FREE) ** 0.5
-        for found, ends in ((alone, (0.0, lag)), (across, (-lag, lag))):
-            told, partners = np.ones(len(every), dtype=bool), []
-            for end in ends:
-                # The frame at that time, or the next one beyond: rates may change.
-                then = time[every] + end
-                at = np.searchsorted(time, then - _TICK if end >= 0 else then + _TICK)
-                at = np.clip(at if end >= 0 else at - 1, 0, len(time) - 1)
-                beyond = (time[at] - then) * (1.0 if end >= 0 else -1.0)
-                told &= seen[at] & (beyond > -2 * _TICK) & (beyond < max(step, _SAME * lag))
-                partners.append(angles[at])
-            moved = np.abs(angles[every] - (partners[0] + partners[1]) / 2)[told]
-            moved *= 2.0 if ends[0] == 0 else 1.0
+        near = max(step, _SAME * lag)
+        before, told_before = _partners(every, seen, time, -lag, near)
+        after, told_after = _partners(every, seen, time, lag, near)
+        for found, moved in (
+            (alone, np.abs(angles[every] - angles[after])[told_after]),
+            (
+                across,
+                np.abs(angles[every] - (angles[before] + angles[after]) / 2)[
+                    told_before & told_after
+                ],
+            ),
+        ):
             found.append(float(np.quantile(moved, _MOST)) if len(moved) >= _PAIRS else free)
     return np.maximum.accumulate(alone).tolist(), np.maximum.accumulate(across).tolist()
+
+
+def _partners(
+    frames: np.ndarray, seen: np.ndarray, time: np.ndarray, away: float, near: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the frames nearest to some time away from others, and which are seen, each (k,).
+
+    Rates may change, so they are found by time. They are other frames, even if the time is short.
+
+    Args:
+        frames: the others (k,).
+        seen: frames that are seen (n,) bool.
+        time: times of the frames (n,) [s].
+        away: that time [s].
+        near: how far from it they may be [s].
+    """
+    then, last = time[frames] + away, len(time) - 1
+    at = np.clip(np.searchsorted(time, then), min(1, last), last)
+    at -= then - time[at - 1] < time[at] - then
+    at = np.maximum(at, frames + 1) if away > 0 else np.minimum(at, frames - 1)
+    at = np.clip(at, 0, last)
+    return at, seen[at] & (np.abs(time[at] - then) < near) & (at != frames)
 
 
 def changes_by(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int, Ends]:

@@ -340,7 +340,7 @@ def test_too_little_to_be_told() -> None:
 
 def test_the_sentence_says_how_far() -> None:
     slide = np.tile([0.0, 0.03, 0.04], (5, 1))
-    doubts = {"right": np.full(10, np.radians(3.0))}
+    doubts = {"right_upper_arm": np.full(10, np.radians(3.0))}
     (said,) = sliding_said({"right": plain(slide)}, doubts)
     assert "right 50 mm at 100 deg" in said
     assert "off by 3 deg" in said
