@@ -206,3 +206,12 @@ def test_movements_are_measured_by_time_and_not_by_frames() -> None:
     frames, low, high = spans[joint]
     beyond = np.maximum(low - truth[frames, joint], truth[frames, joint] - high)
     assert np.degrees(beyond).max() < 6
+
+
+def test_a_trunk_that_may_lean_otherwise_bends_no_elbow() -> None:
+    truth = posture(COUNT, trunk_flexion=20.0, **ARMS)
+    recording = without(whole(STANDS, truth), "neck")
+    wide = np.degrees(recording.high - recording.low)
+    assert wide[:, INDEX["right_elbow_flexion"]].max() == 0
+    for joint in ("flexion", "abduction", "rotation"):
+        assert wide[:, INDEX[f"right_shoulder_{joint}"]].min() > 15

@@ -283,7 +283,8 @@ def changes_by(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int
             least, most = found.get(joint, (0.0, 0.0))
             found[joint] = least - trunk, most + trunk
     for arm, half in arms.items():
-        side, off = arm.partition("_")[0], np.hypot(half.astype(float), trunk)
+        side, half = arm.partition("_")[0], half.astype(float)
+        off = np.hypot(half, trunk)
         flexion, abduction, rotation, elbow = (
             INDEX[f"{side}_{joint}"]
             for joint in (
@@ -295,9 +296,10 @@ def changes_by(postures: np.ndarray, doubt: Doubt, time: np.ndarray) -> dict[int
         )
         # An arm that points straight to the side has no flexion, and a straight arm no rotation.
         swing = _about(off, np.cos(postures[:, abduction]))
-        turn = _about(off, np.sin(postures[:, elbow]))
+        turn = _about(half, np.sin(postures[:, elbow]))
+        turn = turn + _about(trunk, np.cos(postures[:, abduction]))
         found[flexion] = _passing(postures[:, flexion], swing, time)
-        for joint, each in ((abduction, off), (rotation, turn), (elbow, off)):
+        for joint, each in ((abduction, off), (rotation, turn), (elbow, half)):
             found[joint] = (-each, each)
     for axis, turn in doubt.axes.items():
         side = axis.partition("_")[0]
