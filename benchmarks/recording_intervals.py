@@ -14,7 +14,7 @@ what is taken away is unknown. Classes:
 ``interval_holds.CLASS``: share of the frames with the truth inside, each take with the same weight;
 ``.least``: of the take in which it is least; ``interval_width.CLASS``: mean width [points],
 ``.p95``; ``.full_range``, of both: had every joint that is lost been anywhere in its range, and
-those that are seen known exactly;
+those that are seen known exactly; ``.narrower``: as in `benchmarks.recordings`;
 ``interval_exact.CLASS``: share of the frames whose best estimate is the truth.
 ``interval_width.zero_not_stated``: of whole takes whose zero is found by the rules instead.
 
@@ -35,6 +35,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+from unittest.mock import patch
 
 import numpy as np
 
@@ -206,6 +207,8 @@ OF_MARKERS: Final[Mapping[str, Loss]] = {
 }
 
 
+NARROWER: Final = {"_MOST": 0.97, "_PAIRS": 30}
+"""Other values by which the ends in gaps are narrower, and hold less."""
 LONG: Final = {"arm_lost_1s": 3.0, "hips_lost_1s": 3.0}
 """Takes are longer than this [s]: in a shorter one there is little else than what is lost."""
 
@@ -243,18 +246,17 @@ def intervals(report: Report) -> None:
     for classes, found in ((CLASSES, list(takes())), (OF_MARKERS, list(marker_takes()))):
         truths = [take.read() for take in found]
         for name, loss in classes.items():
-            scores = [
-                _judged(take, truth, loss(take, np.random.default_rng([7000, k])))
-                for take, truth in zip(found, truths, strict=True)
-                if len(truth.time) > LONG.get(name, 0.0) * take.rate
-                for k in range(1 if name in ("nothing_lost", "plain_skeleton") else draws)
-            ]
-            scores = [each for each in scores if each.truth.size]
+            scores = _each(name, loss, found, truths, draws)
             holds = [float(each.holds.mean()) for each in scores]
             widths = [each.high - each.low for each in scores]
             report.figure(f"interval_holds.{name}", float(np.mean(holds)))
             report.figure(f"interval_holds.{name}.least", min(holds), "of a take")
             report.figure(f"interval_width.{name}", _mean(widths))
+            if name == "arm_lost_1s":
+                with patch.multiple("ergoqp.mocap.fitting.unknown", **NARROWER):
+                    other = _each(name, loss, found, truths, draws)
+                narrow = _mean([each.high - each.low for each in other])
+                report.figure(f"interval_width.{name}.narrower", narrow)
             p95 = float(np.percentile(np.concatenate(widths), 95))
             report.figure(f"interval_width.{name}.p95", p95)
             full = _mean([each.full_high - each.full_low for each in scores])
@@ -266,6 +268,19 @@ def intervals(report: Report) -> None:
             wide = [_ends(take.read(neutral=None)) for take in found]
             width = np.concatenate([high - low for low, _, high in wide])
             report.figure("interval_width.zero_not_stated", float(width.mean()))
+
+
+def _each(
+    name: str, loss: Loss, found: list[Take], truths: list[Recording], draws: int
+) -> list[Judged]:
+    """Return the scores of all takes from which something is taken away."""
+    scores = [
+        _judged(take, truth, loss(take, np.random.default_rng([7000, k])))
+        for take, truth in zip(found, truths, strict=True)
+        if len(truth.time) > LONG.get(name, 0.0) * take.rate
+        for k in range(1 if name in ("nothing_lost", "plain_skeleton") else draws)
+    ]
+    return [each for each in scores if each.truth.size]
 
 
 def _ends(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
