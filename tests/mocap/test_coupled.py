@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from benchmarks.made_motions import RATE, Places, fitted, posture
 from benchmarks.recording_intervals import whole
 from ergoqp import reba
-from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap import Recording
+from ergoqp.mocap.fitting.coupled import TWIST, by_pronation, by_rotation, by_twist
 from ergoqp.mocap.fitting.unknown import spans_of
 
 COUNT = 300
@@ -114,6 +116,63 @@ def test_without_a_thumb_a_wrist_may_be_turned(pronation: float) -> None:
     # Some pronations are tried, 10 deg apart.
     beyond = np.degrees(np.maximum(recording.low - truth, truth - recording.high)).max(axis=0)
     assert beyond.max() < 2
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_ends_of_a_wrist_are_those_of_all_pronations(side: str) -> None:
+    joints = [
+        INDEX[f"{side}_{n}"] for n in ("forearm_pronation", "wrist_flexion", "wrist_deviation")
+    ]
+    postures = posture(1)
+    postures[0, joints] = np.radians([0.0, 25.0, 12.0])
+    observed = np.ones_like(postures, dtype=bool)
+    observed[0, joints[0]] = False
+    # The hand is turned about the forearm, along z.
+    out = -1.0 if side == "right" else 1.0
+    bent, aside = postures[0, joints[1:]]
+    hand = [-np.sin(aside), -out * np.cos(aside) * np.sin(bent), -np.cos(aside) * np.cos(bent)]
+    turns = np.linspace(LOWER[joints[0]], UPPER[joints[0]], 500)
+    x, y, z = Rotation.from_euler("Z", -out * turns[:, None]).inv().apply(hand).T
+    flexion, deviation = -out * np.arctan2(y, -z), -np.arcsin(x)
+    can = (deviation >= LOWER[joints[2]]) & (deviation <= UPPER[joints[2]])
+    found = by_pronation(postures, observed)
+    for joint, angles in zip(joints[1:], (flexion[can], deviation[can]), strict=True):
+        rows, low, high = found[joint]
+        assert list(rows) == [0]
+        np.testing.assert_allclose([low[0], high[0]], [angles.min(), angles.max()], atol=0.06)
+
+
+def test_a_rotation_takes_from_the_pronation() -> None:
+    postures = posture(1, right_forearm_pronation=20.0, right_shoulder_rotation=10.0)
+    observed = np.ones_like(postures, dtype=bool)
+    rotation, pronation = (INDEX[f"right_{n}"] for n in ("shoulder_rotation", "forearm_pronation"))
+    observed[0, rotation] = False
+    span = np.array([0]), np.radians([5.0]), np.radians([60.0])
+    _, low, high = by_rotation(rotation, span, postures, observed)[pronation]
+    np.testing.assert_allclose(np.degrees([low[0], high[0]]), [-30.0, 25.0])
+
+
+@pytest.mark.parametrize("twist", [-35.0, 35.0])
+def test_neck_and_arms_turn_against_the_twist(twist: float) -> None:
+    truth = posture(COUNT, trunk_twist=twist, neck_flexion=25.0, neck_twist=10.0, **ARMS)
+    read = without(whole(STANDS, truth), "left_shoulder")
+    assert np.abs(read.postures[:, TWIST]).max() < 1e-6
+    joints = ["neck_twist", "neck_side_bend"]
+    joints += [f"right_shoulder_{name}" for name in ("flexion", "abduction", "rotation")]
+    seen = np.ones_like(truth, dtype=bool)
+    seen[:, TWIST] = False
+    every, none = np.ones(COUNT, dtype=bool), np.zeros(COUNT, dtype=bool)
+    for right in (True, False):
+        ends = sorted([0.0, np.radians(twist) * (1.1 if right else -1.1)])
+        low, high = (np.full(COUNT, end) for end in ends)
+        found = by_twist((low, high), read.postures, seen, (every, none), none)
+        for joint in joints:
+            rows, least, most = found[INDEX[joint]]
+            assert len(rows) == COUNT
+            there = truth[rows, INDEX[joint]]
+            inside = (least - 0.02 < there) & (there < most + 0.02)
+            # The flexion of an arm that points between ahead and aside hardly changes.
+            assert inside.all() if right else not inside.any() or "flexion" in joint, joint
 
 
 @pytest.mark.parametrize(

@@ -278,6 +278,14 @@ def test_one_pair_is_no_body(pair: str) -> None:
     assert "exchanged back" not in " ".join(fitted({**places, **swapped}).assumptions)
 
 
+def test_who_is_elsewhere_at_once_is_not_exchanged() -> None:
+    places = walk()[0]
+    elsewhere = {centre: path.copy() for centre, path in places.items()}
+    for path in elsewhere.values():
+        path[180:] += [2.0, 1.0, 0.0]
+    assert "exchanged back" not in " ".join(fitted(elsewhere).assumptions)
+
+
 def test_who_turns_around_is_not_exchanged() -> None:
     # Half a turn in 0.4 s.
     yaw = np.pi * np.clip((np.arange(240) / 60 - 1) / 0.4, 0, 1)
