@@ -124,7 +124,7 @@ def test_the_ends_of_a_wrist_are_those_of_all_pronations(side: str) -> None:
         INDEX[f"{side}_{n}"] for n in ("forearm_pronation", "wrist_flexion", "wrist_deviation")
     ]
     postures = posture(1)
-    postures[0, joints] = np.radians([0.0, 25.0, 12.0])
+    postures[0, joints] = np.radians([0.0, 45.0, 22.0])
     observed = np.ones_like(postures, dtype=bool)
     observed[0, joints[0]] = False
     # The hand is turned about the forearm, along z.
@@ -173,6 +173,22 @@ def test_neck_and_arms_turn_against_the_twist(twist: float) -> None:
             inside = (least - 0.02 < there) & (there < most + 0.02)
             # The flexion of an arm that points between ahead and aside hardly changes.
             assert inside.all() if right else not inside.any() or "flexion" in joint, joint
+
+
+@pytest.mark.parametrize("twist", [-35.0, 35.0])
+def test_without_hips_a_lean_turns_with_the_twist(twist: float) -> None:
+    truth = posture(COUNT, trunk_twist=twist, trunk_flexion=30.0, **ARMS)
+    read = without(whole(STANDS, truth), "left_hip", "right_hip")
+    seen = np.ones_like(truth, dtype=bool)
+    seen[:, TWIST] = False
+    every, none = np.ones(COUNT, dtype=bool), np.zeros(COUNT, dtype=bool)
+    bend = INDEX["trunk_side_bend"]
+    assert np.abs(np.degrees(read.postures[:, bend])).min() > 10
+    for right in (True, False):
+        ends = sorted([0.0, np.radians(twist) * (1.1 if right else -1.1)])
+        low, high = (np.full(COUNT, end) for end in ends)
+        _, least, most = by_twist((low, high), read.postures, seen, (none, every), none)[bend]
+        assert ((least < 0.01) & (most > -0.01)).all() == right
 
 
 @pytest.mark.parametrize(
