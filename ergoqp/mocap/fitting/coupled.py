@@ -28,7 +28,7 @@ TURNS: Final = {
 """Rotation of an upper arm -> pronation of its forearm."""
 _TRIED: Final = 9
 """Number of values of an unknown twist that are tried."""
-_PRONATIONS: Final = 18
+_PRONATIONS: Final = 36
 """Number of pronations that are tried."""
 
 
