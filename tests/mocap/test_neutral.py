@@ -121,6 +121,19 @@ def test_who_walks_stooped_is_stooped() -> None:
     assert np.degrees(np.median(recording.postures[:, TRUNK])) == pytest.approx(30, abs=1)
 
 
+@pytest.mark.parametrize("skin", [True, False])
+def test_markers_on_the_skin_show_where_the_spine_of_a_stooped_walker_is(skin: bool) -> None:
+    places, _ = walking(25.0)
+    for name, path in places.items():
+        # Hips that are behind the feet belong to a stoop.
+        if not name.endswith(("knee", "ankle", "toe")):
+            path -= [0.1, 0.0, 0.0]
+    found = neutral_of(places, {}, np.arange(len(places["neck"])) / RATE, skin)
+    assert found.trunk == 0
+    ends = (0.0, 0.0 if skin else 25.0)
+    np.testing.assert_allclose(np.degrees(found.trunk_ends), ends, atol=0.1)
+
+
 def test_a_stoop_after_a_walk_is_measured_from_it() -> None:
     walked, _ = walk()
     stooped, _ = stoop()
