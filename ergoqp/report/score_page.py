@@ -265,8 +265,8 @@ def _what_is_open(summary: dict[str, Any]) -> str:
         else "Every scored frame has a range of scores"
     )
     words += (
-        ": from the lowest to the highest score of all postures that agree with the recording. In"
-        " the likeliest posture, joints that are never seen are at zero."
+        ": from the lowest to the highest score of all postures between the ends of the joint"
+        " angles. In the likeliest posture, joints that are never seen are at zero."
     )
     never, partly, doubtful = [], [], []
     for name, each in summary["segments"].items():

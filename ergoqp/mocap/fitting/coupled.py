@@ -168,10 +168,10 @@ def _turned_arms(read: np.ndarray, turns: Iterable[np.ndarray], out: float) -> l
     bent = np.cos(rotation)[:, None] * ahead - out * np.sin(rotation)[:, None] * aside
     found = []
     for turn in turns:
-        x, y, z = _about_up(arm, turn).T
+        x, y, z = about_up(arm, turn).T
         swung, raised = np.arctan2(x, -z), np.arcsin(np.clip(out * y, -1, 1))
         ahead, aside = _axes(swung, raised, out)
-        beyond = _about_up(bent, turn)
+        beyond = about_up(bent, turn)
         across, along = ((beyond * axis).sum(axis=1) for axis in (aside, ahead))
         one = np.stack([swung, raised, np.arctan2(-out * across, along)], axis=1)
         # Of the two triples that give the same arm, the one that is nearer to what is read.
@@ -192,7 +192,7 @@ def _axes(flexion: np.ndarray, abduction: np.ndarray, out: float) -> tuple[np.nd
     return forward, np.stack(left, axis=1)
 
 
-def _about_up(vectors: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def about_up(vectors: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Return vectors (k, 3) in axes that are turned about z (k,) [rad]."""
     x, y, z = vectors.T
     return np.stack(

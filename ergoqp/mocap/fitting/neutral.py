@@ -35,7 +35,8 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
-from ergoqp.mocap.fitting.posture import either, every_centre, unit
+from ergoqp.mocap.fitting.posture import every_centre, unit
+from ergoqp.mocap.fitting.standins import either
 
 _HEAD: Final = ("head", "head_top", "nose")
 _LEGS: Final = ("pelvis", "hip", "knee", "ankle", "toe")

@@ -36,6 +36,7 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.mocap.fitting.standins import (
     UsualPlaces,
+    either,
     hips_of,
     neck_of,
     neck_on,
@@ -275,14 +276,6 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     """Return vectors of length one (n, 3); NaN for those without a direction."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(length > 0, length, np.nan)
-
-
-def either(*choices: np.ndarray) -> np.ndarray:
-    """Return the first of several vectors that is seen, in each frame (n, 3)."""
-    found = choices[-1]
-    for choice in reversed(choices[:-1]):
-        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
-    return found
 
 
 def every_centre(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

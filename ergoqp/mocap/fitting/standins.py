@@ -14,6 +14,8 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.mocap.fitting.coupled import about_up
+
 _SAMPLE: Final = 8192
 """Number of frames of a long recording that show usual places, about."""
 _NECK: Final = (np.radians(5.0), np.radians(8.0))
@@ -48,7 +50,7 @@ def usual_places(places: Mapping[str, np.ndarray]) -> UsualPlaces:
     few = {centre: path[some].astype(float) for centre, path in places.items()}
     across = few["left_hip"] - few["right_hip"]
     yaw = np.arctan2(-across[:, 0], across[:, 1])
-    hips = _turned(_middle(few, "hip") - few["pelvis"], -yaw)
+    hips = about_up(_middle(few, "hip") - few["pelvis"], yaw)
     return UsualPlaces(_median(neck_on(few)), _median(hips))
 
 
@@ -74,8 +76,8 @@ def hips_of(places: Mapping[str, np.ndarray], yaw: np.ndarray, usual: UsualPlace
         yaw: heading of the body (n,) [rad].
         usual: where it usually is.
     """
-    away = _turned(np.broadcast_to(np.nan_to_num(usual.hips), (len(yaw), 3)), yaw)
-    return _either(_middle(places, "hip"), places["pelvis"] + away)
+    away = about_up(np.broadcast_to(np.nan_to_num(usual.hips), (len(yaw), 3)), -yaw)
+    return either(_middle(places, "hip"), places["pelvis"] + away)
 
 
 def neck_of(places: Mapping[str, np.ndarray], hips: np.ndarray, usual: UsualPlaces) -> np.ndarray:
@@ -89,7 +91,7 @@ def neck_of(places: Mapping[str, np.ndarray], hips: np.ndarray, usual: UsualPlac
     middle = _middle(places, "shoulder")
     axes, size = _axes(places, middle - hips)
     away = np.einsum("nij,i->nj", axes, np.nan_to_num(usual.neck)) * size
-    return _either(places["neck"], middle + away)
+    return either(places["neck"], middle + away)
 
 
 def off_by(places: Mapping[str, np.ndarray], usual: UsualPlaces) -> np.ndarray:
@@ -109,6 +111,14 @@ def off_by(places: Mapping[str, np.ndarray], usual: UsualPlaces) -> np.ndarray:
     return half
 
 
+def either(*choices: np.ndarray) -> np.ndarray:
+    """Return the first of several vectors that is seen, in each frame (n, 3)."""
+    found = choices[-1]
+    for choice in reversed(choices[:-1]):
+        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
+    return found
+
+
 def _middle(places: Mapping[str, np.ndarray], pair: str) -> np.ndarray:
     return (places[f"right_{pair}"] + places[f"left_{pair}"]) / 2
 
@@ -121,18 +131,7 @@ def _axes(places: Mapping[str, np.ndarray], up: np.ndarray) -> tuple[np.ndarray,
     return axes / np.where(length > 0, length, np.nan), length[:, 2]
 
 
-def _turned(vectors: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Return vectors (n, 3), turned about the vertical (n,) [rad]."""
-    x, y, z = vectors.T
-    return np.stack([np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y, z], 1)
-
-
 def _median(vectors: np.ndarray) -> np.ndarray:
     """Return the median of those that are seen (3,); NaN if none is."""
     seen = np.isfinite(vectors).all(axis=1)
     return np.median(vectors[seen], axis=0) if seen.any() else np.full(3, np.nan)
-
-
-def _either(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the first of two vectors where it is seen, else the second (n, 3)."""
-    return np.where(np.isfinite(first).all(axis=1, keepdims=True), first, second)

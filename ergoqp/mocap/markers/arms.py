@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.mocap.fitting.posture import THUMB, either, unit
+from ergoqp.mocap.fitting.posture import THUMB, unit
+from ergoqp.mocap.fitting.standins import either
 from ergoqp.mocap.markers.bones import (
     BENT,
     WORN,

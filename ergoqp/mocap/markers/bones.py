@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.mocap.fitting.posture import either, unit
+from ergoqp.mocap.fitting.posture import unit
+from ergoqp.mocap.fitting.standins import either
 
 BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
 """Sines of the bends up to which a limb does not show its axis, and from which it does fully."""

@@ -21,7 +21,8 @@ from ergoqp.arguments import Progress, unseen
 from ergoqp.errors import RecordingError
 from ergoqp.human.body import Marker
 from ergoqp.joints import SIDES, spoken
-from ergoqp.mocap.fitting.posture import either, unit
+from ergoqp.mocap.fitting.posture import unit
+from ergoqp.mocap.fitting.standins import either
 from ergoqp.mocap.markers.arms import arm_of, axes_said, carrying_of, turn_to_axis
 from ergoqp.mocap.markers.bones import (
     BENT,
