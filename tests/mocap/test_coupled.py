@@ -256,8 +256,12 @@ def test_what_stands_for_a_neck_is_off_by_some_degrees(ever: bool) -> None:
 
 def test_hips_by_the_centre_of_the_pelvis_are_where_they_are_at_other_times() -> None:
     truth = posture(COUNT, trunk_flexion=24.0, **ARMS)
-    places = whole(STANDS, truth)
-    places["pelvis"] = places["pelvis"] + [-0.05, 0.0, 0.10]
+    stands = STANDS.copy()
+    yaw = np.where(TIME < 50 / RATE, 0.5, 2.0)
+    stands[:, 3] = yaw
+    places = whole(stands, truth)
+    behind = -0.08 * np.column_stack([np.cos(yaw), np.sin(yaw), 0 * yaw])
+    places["pelvis"] = places["pelvis"] + behind + [0.0, 0.0, 0.10]
     recording = without(places, "right_hip", "left_hip", rows=slice(100, 250))
     off = np.degrees(np.abs(recording.postures - truth))[:, INDEX["trunk_flexion"]]
     assert off.max() < 0.5
