@@ -84,7 +84,7 @@ def stop_difference(count: int) -> tuple[float, int]:
             closed = stop_function(StepModel(stepper.problem))
             for state in states(stepper, count, number):
                 stepper.restore(state)
-                one, other = stepper.stop(), closed(state)
+                one, other = stepper.stop(), closed(state, stepper.dt)
                 apart = np.zeros((max(len(one), len(other)), 6))
                 apart[: len(one)] += one
                 apart[: len(other)] -= other
@@ -122,10 +122,10 @@ def stop_c_us(problem: Problem, given: list[np.ndarray]) -> tuple[float, int]:
     timed.restype, numbers = ctypes.c_double, ctypes.POINTER(ctypes.c_double)
     timed.argtypes = [numbers, *[ctypes.c_int] * 4, *[ctypes.c_double] * 2, numbers, numbers]
     timed.argtypes += [ctypes.c_int]
-    most, together = longest_stop(model), np.ascontiguousarray(given)
+    most, together = longest_stop(model.problem, model.problem.dt), np.ascontiguousarray(given)
     limits, twists = np.array(problem.twist_limit.acceleration, float), np.empty((most, 6))
     at = [array.ctypes.data_as(numbers) for array in (together, limits, twists)]
     sizes = (together.shape[1], len(together), model.history.planned, model.history.sent)
     call = (at[0], *sizes, problem.average, problem.dt, at[1], at[2], most)
-    rows = len(stop_function(model)(given[-1]))
+    rows = len(stop_function(model)(given[-1], model.problem.dt))
     return float(np.median([timed(*call) for _ in range(21)])) / 1e3, rows

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ergoqp.problem.settings import DeclaredRobot as DeclaredRobot
     from ergoqp.problem.settings import Frames as Frames
     from ergoqp.seeking.seeker import Seeker as Seeker
+    from ergoqp.service.client import Client as Client
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
     from ergoqp.step.answer import Step as Step
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from ergoqp.step.timing import benchmark_step as benchmark_step
 
 _LATER = {
+    "Client": "ergoqp.service.client",
     "Control": "ergoqp.problem.settings",
     "DeclaredRobot": "ergoqp.problem.settings",
     "Frames": "ergoqp.problem.settings",

@@ -28,6 +28,7 @@ COMMANDS: Final = {
     "fit": "Learn a cost from labelled postures.",
     "compare": "Compare QP solvers on the QPs of a problem.",
     "export": "Write the control step of a problem as C99.",
+    "serve": "Serve the control step to other processes.",
 }
 """The commands, each a file of this folder with a function ``command``, and what each is for."""
 

@@ -207,7 +207,7 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
         "UNKNOWN": repr(UNKNOWN),
         "GUIDE": _DRAWN if guided else _DESCENT,
         "STEPPER_BYTES": str(size),
-        "STOP": str(longest_stop(StepModel(problem))),
+        "STOP": str(longest_stop(problem, problem.dt)),
     }
     text = c_text(name)
     for word, value in words.items():

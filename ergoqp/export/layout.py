@@ -335,7 +335,7 @@ def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> st
     lines += [
         f"#define ERGOQP_CLOCK_ROUNDING {CLOCK_ROUNDING!r}",
         f"#define ERGOQP_LONGEST_STOP {problem.stop.duration!r}",
-        f"#define ERGOQP_STOP {longest_stop(model)} /* most twists of a stop */",
+        f"#define ERGOQP_STOP {longest_stop(problem, problem.dt)} /* most twists of a stop */",
         f"#define ERGOQP_AVERAGE {float(problem.average)!r}",
         f"#define ERGOQP_ACCELERATION {_listed(problem.twist_limit.acceleration)}",
     ]

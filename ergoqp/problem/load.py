@@ -105,7 +105,7 @@ def load_problem(name: str | Path) -> Problem:
         >>> len(problem.row_names)
         36
     """
-    path = _find(path_of("problem", name, ProblemError))
+    path = find_problem(path_of("problem", name, ProblemError))
     try:
         raw = read_toml(path, "problem")
     except InputError as error:
@@ -220,7 +220,12 @@ def find_model(name: str, folder: Path) -> Path:
     return path
 
 
-def _find(name: str | Path) -> Path:
+def find_problem(name: str | Path) -> Path:
+    """Return the file of a problem by its name in ``problems/`` or by the path of a TOML file.
+
+    Raises:
+        ProblemError: if there is no such file.
+    """
     path = Path(name)
     try:
         if path.suffix != ".toml" and len(path.parts) == 1:

@@ -28,6 +28,7 @@ class Step:
             first (6,) [m/s, rad/s].
         status: ``optimal``, ``settled``, ``relaxed``, ``recovering``, ``braking`` or ``invalid``.
         solve_time: duration of the call [s].
+        values: all outputs of the step function, one after the other; `account` gives one by name.
 
     Example:
         >>> import ergoqp
@@ -54,7 +55,8 @@ class Step:
     ) -> None:
         """Keep the outputs of the step function; the members are read from them on demand."""
         self.twist, self.status = twist, status
-        self._problem, self._values, self._parts = problem, account, parts
+        self.values = account
+        self._problem, self._parts = problem, parts
         self._seen, self._notes = seen, notes
         self.solve_time = time.perf_counter() - start
 
@@ -68,7 +70,7 @@ class Step:
 
         The names are those of `ergoqp.step.function.OUTPUTS`.
         """
-        return self._values[self._parts[name]]
+        return self.values[self._parts[name]]
 
     @property
     def pose(self) -> np.ndarray:

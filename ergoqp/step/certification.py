@@ -398,14 +398,13 @@ int ergoqp_stop(const double* history, int planned, int sent, double average, do
 """
 
 
-def longest_stop(model: StepModel) -> int:
-    """Return the largest number of twists of a stop, the last one zero."""
-    problem = model.problem
-    return int(np.floor(problem.stop.duration / problem.dt * (1 + 1e-9))) + 2
+def longest_stop(problem: Problem, dt: float) -> int:
+    """Return the largest number of twists of a stop, `dt` seconds each, the last one zero."""
+    return int(np.floor(problem.stop.duration / dt * (1 + 1e-9))) + 2
 
 
-def stop_function(model: StepModel) -> Callable[[np.ndarray], np.ndarray]:
-    """Return ``state (n,) -> twists (k, 6)`` [m/s, rad/s], one per period of the problem.
+def stop_function(model: StepModel) -> Callable[[np.ndarray, float], np.ndarray]:
+    """Return ``state (n,), dt -> twists (k, 6)`` [m/s, rad/s], one per period of `dt` seconds.
 
     They are those of braking period by period, up to rounding. The problem must have no surface.
 
@@ -419,14 +418,15 @@ def stop_function(model: StepModel) -> Callable[[np.ndarray], np.ndarray]:
     call.restype, numbers = ctypes.c_int, ctypes.POINTER(ctypes.c_double)
     call.argtypes = [numbers, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]
     call.argtypes += [numbers, numbers, ctypes.c_int]
-    problem, history, most = model.problem, model.history, longest_stop(model)
+    problem, history = model.problem, model.history
     acceleration = np.array(problem.twist_limit.acceleration, dtype=float)
     limits = acceleration.ctypes.data_as(numbers)
-    fixed = (history.planned, history.sent, problem.average, problem.dt, limits)
+    fixed = (history.planned, history.sent, problem.average)
 
-    def stop(state: np.ndarray) -> np.ndarray:
+    def stop(state: np.ndarray, dt: float) -> np.ndarray:
+        most = longest_stop(problem, dt)
         twists = np.empty((most, 6))
         given, found = (array.ctypes.data_as(numbers) for array in (state, twists))
-        return twists[: call(given, *fixed, found, most)]
+        return twists[: call(given, *fixed, dt, limits, found, most)]
 
     return stop

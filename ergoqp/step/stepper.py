@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from copy import copy
 from typing import Any, Final, TypeAlias
 
 import casadi as ca
@@ -229,6 +231,29 @@ class Stepper:
         # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
 
+    def warm_up(self) -> None:
+        """Prepare what a later call would have to prepare; the state does not change.
+
+        It touches the memory of the step for the first time, and from then on `stop` is computed in
+        closed form if there is a C compiler, as it always is by a compiled stepper.
+        """
+        self._brake(self._ready, self.dt, logged=False)
+        if self._closed_stop is None and self.problem.surface is None:
+            from ergoqp.native.compiled import CompilerError
+
+            with suppress(CompilerError):
+                self._closed_stop = stop_function(self._model)
+
+    def sibling(self) -> Stepper:
+        """Return a stepper of another loop of the same problem, at its start, within microseconds.
+
+        The two share the memory in which a step is computed, so they belong to one thread.
+        """
+        other = copy(self)
+        other._ready = (self._ready[0], self._begin, {}, (np.zeros(self._shape), self._all))
+        other._held = False
+        return other
+
     def state(self) -> np.ndarray:
         """Return the state (n,): all that the calls so far leave to the next one.
 
@@ -314,6 +339,22 @@ class Stepper:
             state[self._parts["frames"]][VERDICTS] = 0.0
         self._ready = (usual, state, notes, frame)
         self._held = False
+
+    @property
+    def guided(self) -> bool:
+        """Whether the stepper was made with a guide, so that it can have another one."""
+        return self._guided
+
+    @property
+    def still(self) -> bool:
+        """Whether the object is at rest: no twist was planned or sent that still moves it."""
+        state, at = self._ready[1], self._parts
+        return not (state[at["planned"]].any() or state[at["sent"]].any())
+
+    @property
+    def slices(self) -> Mapping[str, slice]:
+        """Where each output of the step function is in `Step.values`."""
+        return self._slices
 
     @property
     def stalled(self) -> float:
@@ -469,20 +510,30 @@ class Stepper:
         notes = self._brake(ready, self.dt if dt is None else number(dt, "dt", said), **more) | said
         return self._answer(ready, notes, start, ready[3])
 
-    def stop(self) -> np.ndarray:
+    def stop(self, dt: float | None = None) -> np.ndarray:
         """Return the twists of the certified stop from here (k, 6) [m/s, rad/s].
 
         There is one twist per period, as `brake` would return them, and the last one is zero. The
         state of the loop does not change. A robot that is to stop by itself when the loop hangs
         gets these twists in advance.
+
+        Args:
+            dt: for how long each twist will be executed [s]. None: the period of the loop.
+
+        Raises:
+            InputError: if `dt` is out of range.
         """
+        period = self.dt if dt is None else dt
+        if not SHORTEST_DT <= period <= self.problem.longest_period:
+            allowed = f"{SHORTEST_DT:g} to {self.problem.longest_period:g}"
+            raise InputError(f"dt: got {shown(dt)}, allowed {allowed} s")
         ready, twists = self._ready, []
         if self._closed_stop is not None:
-            return self._closed_stop(ready[1])
+            return self._closed_stop(ready[1], period)
         while not twists or (
-            twists[-1].any() and len(twists) * self.dt < self._longest_stop + self.dt
+            twists[-1].any() and len(twists) * period < self._longest_stop + period
         ):
-            self._brake(ready, self.dt, enable=0.0, logged=False)
+            self._brake(ready, period, enable=0.0, logged=False)
             ready = (ready[0], self._state_out.copy(), ready[2], ready[3])
             twists.append(self._out[self._slices["twist"]].copy())
         return np.array(twists)

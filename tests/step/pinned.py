@@ -202,7 +202,7 @@ def answers(stepper: Stepper, inputs: list[dict[str, Any]]) -> Iterator[Step]:
 
 def told(step: Step) -> np.ndarray:
     """Return all that a step says, and the state that it leaves."""
-    return step._values
+    return step.values
 
 
 def drive(loop: Loop, seed: int) -> list[dict[str, Any]]:

@@ -911,7 +911,7 @@ def test_a_log_replays_with_the_period_of_its_loop() -> None:
     )
     steps = [stepper.step(q) for _ in range(30)]
     for one, other in zip(steps, ergoqp.replay(problem_of("screwing"), log), strict=True):
-        assert one._values.tobytes() == other._values.tobytes()
+        assert one.values.tobytes() == other.values.tobytes()
 
 
 @pytest.mark.slow

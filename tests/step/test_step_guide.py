@@ -368,7 +368,7 @@ def test_a_guided_log_replays_bit_for_bit() -> None:
     replayed = ergoqp.replay(problem, json.loads(json.dumps(log)))
     assert any(step.drawn for step in steps)
     for one, other in zip(steps, replayed, strict=True):
-        assert one._values.tobytes() == other._values.tobytes()
+        assert one.values.tobytes() == other.values.tobytes()
         assert (one.status, one.reason) == (other.status, other.reason)
 
 

@@ -37,7 +37,7 @@ def test_from_a_state_the_loop_goes_on_as_it_did(kind: str) -> None:
     one.restore(state)
     for call in more:
         first, second = one.step(**call), other.step(**call)
-        np.testing.assert_array_equal(first._values, second._values)
+        np.testing.assert_array_equal(first.values, second.values)
     np.testing.assert_array_equal(one.state(), other.state())
     np.testing.assert_array_equal(one.brake().twist, other.brake().twist)
 

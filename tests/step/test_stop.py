@@ -89,7 +89,7 @@ def test_in_closed_form_it_is_what_brake_returns(
             step = stepper.step(posture, pose, dt=dt * rng.choice([0.2, 0.5, 1, 1, 1, 2, 3]))
         statuses.add(step.status)
         state, expected = stepper.state(), stepper.stop()
-        found, kept = closed(state), state.copy()
+        found, kept = closed(state, problem.dt), state.copy()
         np.testing.assert_array_equal(state, kept)
         np.testing.assert_array_equal(stepper.state(), kept)
         moving += found.any()

@@ -1,0 +1,98 @@
+"""``ergoqp serve``: the control step for other processes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ergoqp.cli.options import folder_of, option
+from ergoqp.errors import InputError
+from ergoqp.service.folder import private_folder
+from ergoqp.service.schema import schema
+from ergoqp.service.served import Served, served
+from ergoqp.service.supervisor import Supervisor, say
+
+ABOUT = """Serve the control step of problems to other processes.
+
+Each problem is a loop with a socket, for the clients in Python and C. The service ends by Ctrl-C.
+
+\b
+Examples:
+  ergoqp serve screwing
+  ergoqp serve screwing overhead --loops 4 --fifo 20
+  ergoqp serve --schema
+"""
+
+
+def command(
+    problems: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[PROBLEM]...", help="Names, or paths of TOML files.", show_default=False
+        ),
+    ] = None,
+    dt: Annotated[float | None, option("S", "Control period [the problem's].")] = None,
+    loops: Annotated[int, option("N", "Loops of each problem.")] = 1,
+    workers: Annotated[
+        int | None, option("N", "Processes that compute steps [one per problem].")
+    ] = None,
+    fifo: Annotated[
+        int | None, option("PRIORITY", "Run them by SCHED_FIFO, 1 to 99 [usual scheduling].")
+    ] = None,
+    compiled: Annotated[
+        bool | None,
+        option(
+            None,
+            "Compile the step before serving, or never [beside serving, at idle priority].",
+            "--compiled/--interpreted",
+        ),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        option(
+            "DIR", "Private folder of the sockets [runtime directory].", "--dir", parser=folder_of
+        ),
+    ] = None,
+    print_schema: Annotated[
+        bool, option(None, "Print the frames of the protocol as JSON.", "--schema")
+    ] = False,
+) -> None:
+    """Serve until interrupted.
+
+    Raises:
+        ErgoqpError: if an argument cannot be used, or a loop is served already.
+    """
+    if print_schema:
+        typer.echo(json.dumps(schema(), indent=2))
+        return
+    _check("--loops", loops, 1, 256)
+    _check("--workers", workers, 1, 64)
+    _check("--fifo", fifo, 1, 99)
+    if not problems:
+        raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
+    served_problems = [served(name, dt, loops) for name in problems]
+    _check_names(served_problems)
+    for each in served_problems:
+        each.prepare(bool(compiled))
+    where = private_folder(folder)
+    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo)
+    for name in supervisor.listeners:
+        say(f"loop {name} at {where / name}.sock")
+    if compiled is None:
+        supervisor.compile_beside()
+    supervisor.run()
+
+
+def _check(name: str, value: int | None, least: int, most: int) -> None:
+    if value is not None and not least <= value <= most:
+        raise InputError(f"{name}: got {value}, allowed {least} to {most}")
+
+
+def _check_names(problems: list[Served]) -> None:
+    names = [each.name for each in problems]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise InputError(f"PROBLEM: got {twice} twice, allowed different names; use --loops")

@@ -1,0 +1,548 @@
+"""A client of the service in Python: the calls of `Stepper`, and a stop that needs no service."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import socket
+import time
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.arguments import check_number, read_array
+from ergoqp.errors import ErgoqpError, InputError
+from ergoqp.service.folder import default_folder, socket_path
+from ergoqp.service.schema import (
+    ANSWER_HEAD,
+    HEAD,
+    KNOTS,
+    LONGEST,
+    REQUEST_HEAD,
+    VERSION,
+    Ask,
+    Flag,
+    Mark,
+    Tell,
+    answer_frame,
+    request_frame,
+)
+
+_STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
+_CONNECTING: Final = 5.0
+"""How long the first connection and the description may take [s]."""
+_ASK: Final = "call reset() once it stands, or reset(twist=) with its measured twist"
+
+
+class ServiceError(ErgoqpError):
+    """There is no service at an address, or it refused the description of the loop.
+
+    Example:
+        >>> from ergoqp.errors import ErgoqpError
+        >>> issubclass(ServiceError, ErgoqpError)
+        True
+    """
+
+
+class ClientStep:
+    """The answer of one step, with the members of `ergoqp.Step`.
+
+    Attributes:
+        twist: twist to send (6,) [m/s, rad/s].
+        status: as of `ergoqp.Step`. An answer that did not come in time gives ``braking``.
+        reason: one sentence; empty for a plain optimal step.
+        fresh: whether the service answered in time. Otherwise the twist is the next one of the
+            stop that came with the last answer.
+        solve_time: duration of the call [s].
+        computed: time that the step took in the service [s]; 0 if it is not fresh.
+    """
+
+    def __init__(
+        self,
+        twist: np.ndarray,
+        status: str,
+        reason: str,
+        fresh: bool,
+        solve_time: float,
+        values: Mapping[str, np.ndarray],
+        names: Mapping[str, tuple[str, ...]],
+        computed: float = 0.0,
+        drawn: int = 0,
+    ) -> None:
+        """Keep the numbers; ``values`` are those of the last answer."""
+        self.twist, self.status, self.reason, self.fresh = twist, status, reason, fresh
+        self.solve_time, self.computed, self.drawn = solve_time, computed, drawn
+        self._values, self._names = values, names
+
+    def __repr__(self) -> str:
+        """Show twist, status and reason."""
+        twist = np.array2string(self.twist, precision=4, suppress_small=True)
+        return f"ClientStep(twist={twist}, status={self.status!r}, reason={self.reason!r})"
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Contact frame in the world that the last answered step used (4, 4) [m]."""
+        return self._values["pose"].reshape(4, 4)
+
+    @property
+    def posture_rate(self) -> np.ndarray:
+        """How the model person follows [rad/s]; zero if the step is not fresh."""
+        rate = self._values["posture_rate"]
+        return rate if self.fresh else np.zeros_like(rate)
+
+    @property
+    def cost(self) -> float:
+        """V of the posture, at the last answer [points]."""
+        return float(self._values["cost"][0])
+
+    @property
+    def gain(self) -> float:
+        """Predicted improvement within one second at full speed, at the last answer [points]."""
+        return float(self._values["gain"][0])
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """Residuals by name, see `ergoqp.Step`."""
+        return dict(
+            zip(("qp", "contact", "accepted"), self._values["residuals"].tolist(), strict=True)
+        )
+
+    @cached_property
+    def margins(self) -> dict[str, float]:
+        """Distance of every row to its nearer end, in the unit of the row."""
+        return dict(zip(self._names["rows"], self._values["margins"].tolist(), strict=True))
+
+    @cached_property
+    def slack(self) -> dict[str, float]:
+        """By how much the QP missed a row, in its unit per second; only missed rows."""
+        found = zip(self._names["rows"], self._values["slack"].tolist(), strict=True)
+        return {name: value for name, value in found if value > 1e-7}
+
+    @cached_property
+    def locked(self) -> tuple[str, ...]:
+        """Joints at their end that the model person holds still."""
+        held = np.flatnonzero(self._values["locked"] > 0.5)
+        return tuple(self._names["coordinates"][i] for i in held)
+
+    @cached_property
+    def active(self) -> tuple[str, ...]:
+        """Names of the rows that hold the object back, and of the joints that yield."""
+        pushing = np.flatnonzero(np.abs(self._values["multipliers"]) > 1e-6)
+        rows = [self._names["rows"][i] for i in pushing]
+        return (*rows, *(joint for joint in self.locked if joint not in rows))
+
+
+class Client:
+    """A loop of the service, with the calls of `ergoqp.Stepper`.
+
+    Every answer comes with the stop that was certified with it. If the next answer is late, if the
+    service ends, hangs or is started anew, `step` returns the next twist of that stop, and the
+    service is told what the robot executed. No call raises because of the service once the client
+    is made.
+
+    The service never assumes that a robot stands. So begin with `reset`, and call it again when
+    `waits` is true: the service does not know any more what the robot does.
+
+    Args:
+        address: name of the loop, such as ``"screwing"``, in the service's usual folder, or the
+            path of its socket.
+        dt: control period [s]. None: that of the loop.
+        timeout: how long a call of `step` may wait for the answer [s]. None: half a period.
+        explain: whether the service writes reasons in full, which takes it some 60 us for each new
+            one. Otherwise `ClientStep.reason` is a sentence without numbers.
+
+    Raises:
+        ServiceError: if no service answers there.
+        InputError: if an argument is out of range.
+
+    Example:
+        >>> from pathlib import Path
+        >>> try:
+        ...     Client(Path("/nowhere/screwing.sock"))
+        ... except ServiceError as error:
+        ...     print(error)
+        service: nobody answers at '/nowhere/screwing.sock'; start `ergoqp serve`
+    """
+
+    def __init__(
+        self,
+        address: str | Path,
+        dt: float | None = None,
+        timeout: float | None = None,
+        explain: bool = True,
+    ) -> None:
+        """Connect, and read what the loop is."""
+        path = Path(address)
+        if path.suffix != ".sock" and len(path.parts) == 1:
+            path = socket_path(default_folder(), str(address))
+        self._path, self._socket = os.fspath(path), None
+        self._poll, self._outstanding, self._got = select.poll(), 0, 0
+        self.description = self._read_description()
+        self.dt = float(self.description["dt"] if dt is None else dt)
+        check_number("dt", self.dt, 1e-5, float(self.description["longest_dt"]), "s")
+        self.timeout = self.dt / 2 if timeout is None else float(timeout)
+        check_number("timeout", self.timeout, 1e-5, 10.0, "s")
+        rows, coordinates = self.description["rows"], self.description["coordinates"]
+        self._names = {"rows": tuple(rows), "coordinates": tuple(coordinates)}
+        self._reasons = {int(key): text for key, text in self.description["reasons"].items()}
+        self._n = len(coordinates)
+        self._explain = Flag.explain if explain else 0
+        request, answer = request_frame(self._n), answer_frame(self._n, len(rows))
+        self._request, self._answer = bytearray(request.length), bytearray(answer.length)
+        self._into, self._layout = memoryview(self._answer), answer
+        self._given = {
+            name: request.numbers(self._request, name)
+            for name in ("pose", "twist", "guide", "promise", "posture", "observed")
+        }
+        self._kept = bytearray(answer.length)  # the answer that is being executed
+        numbers = answer.numbers(self._kept, "twist", "stop")
+        start = answer.at["twist"].start
+        self._parts = {
+            field.name: slice((at.start - start) // 8, (at.stop - start) // 8)
+            for field in answer.fields
+            if (at := answer.at[field.name]).start >= start and field.kind == "f64"
+        }
+        self._numbers = numbers
+        self._session, self._sequence, self._acted, self._followed = 0, 0, 0, 0
+        self._knots, self._begin, self._asked = 0, 0, 0
+        self._start_twist = np.zeros(6)
+        self._hold = self._again = self._place = 0
+        self._called = -np.inf
+        self._why = f"the service was not told yet what the robot does: {_ASK}"
+        self.late = self.lost = self.refused = 0
+
+    @property
+    def waits(self) -> bool:
+        """Whether the service has to be told what the robot does; see `reset`."""
+        return not self._session and not self._begin
+
+    def step(
+        self,
+        posture: Any,
+        pose: Any = None,
+        twist: Any = None,
+        *,
+        dt: float | None = None,
+        age: float = 0.0,
+        enable: bool = True,
+        observed: Any = None,
+    ) -> ClientStep:
+        """Return the next twist of the object; the arguments are those of `Stepper.step`.
+
+        An input that is no array of the right shape counts as one of NaN, which the step names.
+        """
+        bits = Flag.enable if enable is True or enable == 1 else 0
+        if posture is not None:
+            bits |= Flag.frame | self._put("posture", posture)
+        if pose is not None:
+            bits |= Flag.pose | self._put("pose", pose)
+        if twist is not None:
+            bits |= Flag.twist | self._put("twist", twist)
+        if observed is not None:
+            bits |= Flag.observed | self._put("observed", observed)
+        return self._ask(bits, self.dt if dt is None else dt, age)
+
+    def brake(self, dt: float | None = None) -> ClientStep:
+        """Return the next braking twist without new data; see `Stepper.brake`."""
+        return self._ask(Flag.brake, self.dt if dt is None else dt, 0.0)
+
+    def stop(self) -> np.ndarray:
+        """Return the twists that are left of the stop of the last answer (k, 6), one per period."""
+        twists = []
+        for number in range(self._followed + 1, self._followed + 100_000):
+            twists.append(self._stop_twist(number * self._dt_of_answer))
+            if not twists[-1].any():
+                break
+        return np.array(twists)
+
+    def reset(self, twist: Any = None) -> None:
+        """Report what the robot does, and begin anew with the next step.
+
+        Args:
+            twist: measured twist (6,) of a robot that moves [m/s, rad/s]. None: it stands.
+
+        Raises:
+            InputError: if `twist` is not six finite numbers.
+        """
+        if twist is None:
+            self._begin = Flag.stands
+        else:
+            self._start_twist[:] = read_array("twist", twist, (6,), "6 finite numbers")
+            self._begin = Flag.takes_over
+        self._session = self._again = self._hold = 0
+
+    def hold(self) -> None:
+        """Bring the object to rest and keep it there until `try_again` or `reset`."""
+        self._hold, self._again = Flag.hold, 0
+
+    def try_again(self) -> None:
+        """Allow motion again after `hold`, after a fault of the robot, and after wrong frames."""
+        self._hold, self._again = 0, Flag.try_again
+
+    def guide(self, pose: Any, promise: float = -1e9) -> None:
+        """Have the object drawn to another place, or to none; see `Stepper.guide`.
+
+        Args:
+            pose: the place (4, 4) [m]. None: none.
+            promise: expected cost there [points], or -1e9 for unknown.
+
+        Raises:
+            InputError: if the loop was started without a guide, or `pose` is no array (4, 4).
+        """
+        if not self.description["guided"]:
+            raise InputError("guide: the loop was started without one; `ergoqp serve --guide`")
+        self._place = Flag.no_guide
+        if pose is not None:
+            place = read_array("guide", pose, (4, 4), "a pose (4, 4)")
+            self._given["guide"][:], self._given["promise"][:] = place.ravel(), promise
+            self._place = Flag.guide
+
+    def close(self) -> None:
+        """Give the loop free; the robot has to be at rest."""
+        self._disconnect()
+
+    def __enter__(self) -> Client:
+        """Return the client."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def _put(self, name: str, value: Any) -> int:
+        """Write an argument into the request."""
+        target = self._given[name]
+        try:
+            array = np.asarray(value, dtype=float)
+            if array.size == target.size and array.ndim <= 2:
+                target[:] = array.ravel()
+                return 0
+        except (TypeError, ValueError):
+            pass
+        target[:] = np.nan
+        return 0
+
+    def _ask(self, bits: int, dt: float, age: float) -> ClientStep:
+        """Exchange a request for an answer, or go on with the stop."""
+        start = time.perf_counter()
+        self._pass_time(start)
+        code = self._exchange(bits, dt, age, start) if self._ready() else None
+        if code is None:
+            return self._follow(start)
+        values = self._numbers.copy()
+        parts = {name: values[at] for name, at in self._parts.items()}
+        engine, drawn, status, _, reason, *_, computed = ANSWER_HEAD.unpack_from(self._kept)[5:]
+        text = self._reasons.get(reason, "") if reason else ""
+        if reason and self._explain:
+            words = self._layout.at["text"]
+            text = bytes(self._kept[words]).rstrip(b"\0").decode(errors="replace") or text
+        return ClientStep(
+            parts["twist"],
+            _STATUSES[status],
+            text,
+            True,
+            time.perf_counter() - start,
+            parts,
+            self._names,
+            computed,
+            drawn,
+        )
+
+    def _pass_time(self, now: float) -> None:
+        """Lose the session if so much time has passed that the robot may have done anything."""
+        gap = now - self._called
+        self._called = now
+        if self._session and gap > float(self.description["longest_dt"]):
+            self._session, self._begin = 0, 0
+            self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
+
+    def _follow(self, start: float) -> ClientStep:
+        """Return the next twist of the last answer's stop."""
+        self._followed += 1
+        twist = self._stop_twist(self._followed * self._dt_of_answer)
+        parts = {name: self._numbers[at] for name, at in self._parts.items()}
+        took = time.perf_counter() - start
+        return ClientStep(twist, "braking", self._why, False, took, parts, self._names)
+
+    def _stop_twist(self, time_s: float) -> np.ndarray:
+        """Return the twist of the stop at a time from the answer's own twist on."""
+        if not self._knots:
+            return np.zeros(6)
+        times = self._numbers[self._parts["times"]][: self._knots]
+        stop = self._numbers[self._parts["stop"]].reshape(KNOTS, 6)
+        later = int(np.searchsorted(times, time_s * (1 - 1e-12)))
+        if later == self._knots:
+            return np.zeros(6)
+        if times[later] <= time_s * (1 + 1e-12):
+            return stop[later].copy()
+        before = times[later - 1] if later else 0.0
+        old = stop[later - 1] if later else self._numbers[self._parts["twist"]]
+        return old + (stop[later] - old) * ((time_s - before) / (times[later] - before))
+
+    def _ready(self) -> bool:
+        """Connect, and drop an answer that came too late; return whether a request can be sent."""
+        if not self._session and not self._begin:
+            return False
+        if self._socket is None and not self._connect():
+            self.lost += 1
+            self._why = f"service: nobody answers at {self._path!r}"
+            return False
+        if self._outstanding:
+            self._receive(0.0)
+            if self._outstanding:
+                self.late += 1
+                self._why = "service: no answer in time"
+                return False
+        return self._socket is not None
+
+    def _exchange(self, bits: int, dt: float, age: float, start: float) -> int | None:
+        """Send a request; return the kind of the answer if it is a step that came in time."""
+        self._sequence += 1
+        begins = self._begin if not self._session else 0
+        if begins == Flag.takes_over:
+            bits |= Flag.twist
+            self._given["twist"][:] = self._start_twist
+        bits |= begins | self._hold | self._again | self._place | self._explain
+        REQUEST_HEAD.pack_into(
+            self._request,
+            0,
+            len(self._request),
+            VERSION,
+            Ask.step,
+            self._session,
+            self._sequence,
+            0 if begins else self._acted,
+            self.description["digest"],
+            self._followed if not begins else 0,
+            bits,
+            self._n,
+            0,
+            age,
+            dt,
+        )
+        try:
+            assert self._socket is not None
+            if self._socket.send(self._request, socket.MSG_NOSIGNAL) != len(self._request):
+                raise OSError
+        except OSError:
+            return self._lose()
+        self._outstanding, self._asked, self._got = self._sequence, bits, 0
+        kind = self._receive(self.timeout - (time.perf_counter() - start))
+        if self._outstanding:
+            self.late += 1
+            self._why = "service: no answer in time"
+            return None
+        if kind != Tell.step:
+            return None
+        if not np.isfinite(self._numbers[:6]).all():
+            return None
+        self._session = HEAD.unpack_from(self._kept)[3]
+        self._acted, self._followed, self._begin = self._sequence, 0, 0
+        if bits & Flag.try_again:
+            self._again = 0
+        self._dt_of_answer = dt
+        self._knots = ANSWER_HEAD.unpack_from(self._kept)[-2]
+        return kind
+
+    _dt_of_answer = 0.01
+
+    def _receive(self, wait: float) -> int | None:
+        """Read the answer to the outstanding request, for at most some seconds.
+
+        One that is read while nobody waits for it is dropped.
+        """
+        until = time.perf_counter() + wait
+        while True:
+            left = until - time.perf_counter()
+            if not self._poll.poll(max(0.0, 1e3 * left)):
+                return None
+            try:
+                count = self._socket.recv_into(self._into[self._got :]) if self._socket else 0
+            except BlockingIOError:
+                continue
+            except OSError:
+                count = 0
+            if not count:
+                return self._lose()
+            self._got += count
+            if self._got < HEAD.size:
+                continue
+            length, version, kind, _, sequence = HEAD.unpack_from(self._into)
+            if not HEAD.size <= length <= len(self._answer) or version != VERSION:
+                self.refused += 1
+                return self._lose()
+            if self._got < length:
+                continue
+            if self._got > length or sequence != self._outstanding:
+                self.refused += 1
+                return self._lose()
+            self._outstanding, self._got = 0, 0
+            if wait <= 0.0:
+                return None  # late
+            if kind == Tell.step and length == len(self._answer):
+                self._kept[:] = self._answer
+            else:
+                self._not_done(kind, bytes(self._into[ANSWER_HEAD.size : length]))
+            return kind
+
+    def _not_done(self, kind: int, text: bytes) -> None:
+        """Note why the service did not carry out a request."""
+        self.refused += 1
+        self._why = "service: " + text.rstrip(b"\0").decode(errors="replace")
+        if kind == Tell.unknown:
+            self._session, self._begin = 0, 0
+            self._why += f": {_ASK}"
+
+    def _lose(self) -> None:
+        """Close a connection that does not work any more."""
+        self.lost += 1
+        self._why = "service: the connection was lost"
+        self._disconnect()
+
+    def _disconnect(self) -> None:
+        if self._socket is not None:
+            self._poll.unregister(self._socket)
+            self._socket.close()
+        self._socket, self._outstanding, self._got = None, 0, 0
+
+    def _connect(self) -> bool:
+        """Connect without waiting; return whether it worked."""
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.setblocking(False)
+        try:
+            connection.connect(self._path)
+        except OSError:
+            connection.close()
+            return False
+        self._socket = connection
+        self._poll.register(connection, select.POLLIN)
+        return True
+
+    def _read_description(self) -> dict[str, Any]:
+        """Return what the service says about the loop."""
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+                connection.settimeout(_CONNECTING)
+                connection.connect(self._path)
+                connection.sendall(HEAD.pack(HEAD.size, VERSION, Ask.describe, 0, 1))
+                frame = b""
+                while len(frame) < HEAD.size or len(frame) < HEAD.unpack_from(frame)[0] <= LONGEST:
+                    if not (more := connection.recv(65536)):
+                        break
+                    frame += more
+        except OSError:
+            raise ServiceError(
+                f"service: nobody answers at {self._path!r}; start `ergoqp serve`"
+            ) from None
+        kind = HEAD.unpack_from(frame)[2] if len(frame) > ANSWER_HEAD.size else 0
+        text = frame[ANSWER_HEAD.size :].rstrip(b"\0").decode(errors="replace")
+        if kind != Tell.described:
+            raise ServiceError(f"service: {self._path!r} did not describe its loop: {text or 'no'}")
+        return json.loads(text)
+
+
+__all__ = ["Client", "ClientStep", "Mark", "ServiceError"]

@@ -1,0 +1,296 @@
+"""One loop of the service: a stepper, and what its client and the robot did with its answers."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.service.reasons import reason_code
+from ergoqp.service.schema import (
+    ANSWER_HEAD,
+    KNOTS,
+    REQUEST_HEAD,
+    SPOKEN,
+    TEXT,
+    VERSION,
+    Ask,
+    Flag,
+    Mark,
+    Tell,
+    answer_frame,
+    note,
+    request_frame,
+)
+from ergoqp.step.causes import Status
+from ergoqp.step.guide import Guide
+from ergoqp.step.layout import SHORTEST_DT
+from ergoqp.step.rest import FIRM, UNKNOWN
+from ergoqp.step.stepper import Stepper
+
+_COPIED: Final = ("fault", "residuals")
+"""First and last of the outputs of a step that lie beside each other in an answer too."""
+
+_UNKNOWN: Final = (
+    "the service does not know what the robot does: report that it stands, or take over by its"
+    " measured twist"
+)
+
+
+class Request:
+    """One request, read: views of the buffer that the client's frames are received in."""
+
+    def __init__(self, coordinates: int) -> None:
+        """Make a buffer for frames of a problem."""
+        frame = request_frame(coordinates)
+        self.buffer = bytearray(frame.length)
+        self.length = frame.length
+        self.pose = frame.numbers(self.buffer, "pose").reshape(4, 4)
+        self.twist = frame.numbers(self.buffer, "twist")
+        self.guide = frame.numbers(self.buffer, "guide").reshape(4, 4)
+        self.promise = frame.numbers(self.buffer, "promise")
+        self.posture = frame.numbers(self.buffer, "posture")
+        self.observed = frame.numbers(self.buffer, "observed")
+
+
+class Loop:
+    """A stepper that takes frames and gives frames.
+
+    The states after the answer that the robot executes, and after the newest one, are kept. A
+    request says which answer was executed, and how many periods of its stop. What was answered
+    since is taken back, and those periods are braked, before the step is computed. So the state of
+    the loop is always what the robot did, whatever was lost or late between the two.
+
+    Attributes:
+        name: name of the loop.
+        session: number of the present beginning; 0: nobody has reported what the robot does.
+        undone: answers that were taken back so far.
+        moved: whether the last answer was not at rest.
+    """
+
+    def __init__(self, name: str, stepper: Stepper, engine: int = 0, digest: int = 0) -> None:
+        """Prepare the frames, and whatever would make the first step slow."""
+        problem = stepper.problem
+        self.name, self.stepper, self.digest = name, stepper, digest
+        self.coordinates, self.rows = len(problem.coordinates), len(problem.row_names)
+        self.session, self.undone, self.moved = 0, 0, False
+        self._engine, self._sequence = engine, 0
+        self._kept: dict[int, np.ndarray] = {}
+        self._braked: tuple[int, int, float, np.ndarray] | None = None
+        self._guide: bytes | None = None
+        self._said: tuple[Any, ...] = ()
+        self._text = b""
+        frame = answer_frame(self.coordinates, self.rows)
+        self._length, self._out = frame.length, bytearray(frame.length)
+        self._view = memoryview(self._out)
+        numbers = frame.numbers
+        self._twist = numbers(self._out, "twist")
+        self._pose = numbers(self._out, "pose").reshape(4, 4)
+        self._rate = numbers(self._out, "posture_rate")
+        self._rest = numbers(self._out, *_COPIED)
+        self._times = numbers(self._out, "times")
+        self._stop = numbers(self._out, "stop").reshape(KNOTS, 6)
+        self._words = frame.at["text"]
+        self._guided = stepper.guided
+        stepper.warm_up()
+        slices = stepper.slices
+        self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
+        self._pose_at = slices["pose_used"]
+
+    def new_request(self) -> Request:
+        """Return a buffer for the requests of one client."""
+        return Request(self.coordinates)
+
+    def answer(self, request: Request) -> bytes | memoryview:
+        """Return the answer to a whole frame; it is valid until the next one.
+
+        It never raises because of what the frame holds.
+        """
+        (
+            length,
+            version,
+            kind,
+            session,
+            sequence,
+            acted,
+            problem,
+            followed,
+            bits,
+            coordinates,
+            contact,
+            age,
+            dt,
+        ) = REQUEST_HEAD.unpack_from(request.buffer)
+        wrong = ""
+        if version not in SPOKEN:
+            wrong = f"version: got {version}, allowed {', '.join(map(str, SPOKEN))}"
+        elif kind != Ask.step:
+            wrong = f"kind: got {kind}, allowed {int(Ask.step)} for a step"
+        elif coordinates != self.coordinates or length != request.length:
+            wrong = f"posture: got {coordinates} entries, allowed {self.coordinates}"
+        elif problem and problem != self.digest:
+            wrong = "the problem of this loop was replaced: read its description again"
+        elif contact:
+            wrong = f"contact: got {contact}, allowed 0"
+        if wrong:
+            return note(Tell.refused, sequence, wrong, self.session)
+        flags, marks = Flag(0) | bits, 0
+        if bits & (Flag.stands | Flag.takes_over):
+            if wrong := self._begin(request, bits):
+                return note(Tell.refused, sequence, wrong, self.session)
+            marks |= Mark.begun
+        elif session != self.session or not session or acted not in self._kept:
+            return note(Tell.unknown, sequence, _UNKNOWN, self.session)
+        elif sequence <= self._sequence:
+            wrong = f"sequence: got {sequence} again, allowed a number above {self._sequence}"
+            return note(Tell.refused, sequence, wrong, self.session)
+        elif self._continue_from(acted, followed, dt):
+            marks |= Mark.undone
+        return self._step(request, sequence, acted, flags, marks, age, dt)
+
+    def _begin(self, request: Request, bits: int) -> str:
+        """Begin anew, at rest or at the measured twist; return why this cannot be."""
+        twist = request.twist if bits & Flag.takes_over else None
+        if twist is not None and not (bits & Flag.twist and np.isfinite(twist).all()):
+            return "takes_over: got no twist of six finite numbers, allowed the measured twist"
+        self.stepper.reset(twist)
+        self.session = int.from_bytes(os.urandom(7), "little") + 1
+        self._kept, self._braked = {}, None
+        return ""
+
+    def _continue_from(self, acted: int, followed: int, dt: float) -> bool:
+        """Take back what was not executed, and brake what was; return whether anything was."""
+        if acted == self._sequence and not followed:
+            return False
+        state, done, period = self._kept[acted], 0, dt
+        if self._braked is not None:
+            known, braked, period, after = self._braked
+            if known == acted and braked <= followed and period == dt:
+                state, done = after, braked
+        stepper = self.stepper
+        stepper.restore(state)
+        while done < followed:
+            done += 1
+            if not stepper.brake(dt).twist.any():
+                done = followed  # it stands, and goes on standing
+        self._braked = (acted, done, dt, stepper.state()) if done else None
+        self.undone += acted != self._sequence
+        return True
+
+    def _step(
+        self,
+        request: Request,
+        sequence: int,
+        acted: int,
+        flags: Flag,
+        marks: int,
+        age: float,
+        dt: float,
+    ) -> memoryview:
+        """Return the frame of a step."""
+        stepper, bits = self.stepper, int(flags)
+        if bits & Flag.hold:
+            stepper.hold()
+        if bits & Flag.try_again:
+            stepper.try_again()
+        if self._guided and bits & (Flag.guide | Flag.no_guide):
+            self._lead(request, bits)
+        if bits & Flag.brake:
+            step = stepper.brake(dt)
+        else:
+            step = stepper.step(
+                request.posture if bits & Flag.frame else None,
+                request.pose if bits & Flag.pose else None,
+                request.twist if bits & Flag.twist else None,
+                dt=dt,
+                age=age,
+                enable=bool(bits & Flag.enable),
+                observed=request.observed if bits & Flag.observed else None,
+            )
+        self._kept = {a: self._kept[a] for a in (acted,) if a in self._kept}
+        self._kept[sequence] = stepper.state()
+        self._sequence = sequence
+        knots = self._write_stop(dt)
+        values = step.values
+        self._twist[:] = step.twist
+        self._pose[...] = values[self._pose_at].reshape(4, 4).T
+        self._rate[:] = step.posture_rate
+        self._rest[:] = values[self._copied]
+        causes, status = int(step.account("causes")[0]), Status[step.status]
+        code = reason_code(step, status, causes)
+        self.moved = not stepper.still
+        marks |= 0 if self.moved else Mark.still
+        if bits & Flag.explain:
+            key = (status, causes, code)
+            if key != self._said:
+                self._said, text = key, step.reason if code else ""
+                self._text = text.encode()[: TEXT - 1].ljust(TEXT, b"\0")
+            self._out[self._words] = self._text
+        ANSWER_HEAD.pack_into(
+            self._out,
+            0,
+            self._length,
+            VERSION,
+            Tell.step,
+            self.session,
+            sequence,
+            self._engine,
+            step.drawn,
+            status,
+            causes,
+            code,
+            marks,
+            self.coordinates,
+            self.rows,
+            knots,
+            step.solve_time,
+        )
+        return self._view
+
+    def _lead(self, request: Request, bits: int) -> None:
+        """Change the guide, if it is another one than before."""
+        given = b"" if bits & Flag.no_guide else request.guide.tobytes() + request.promise.tobytes()
+        if given == self._guide:
+            return
+        self._guide = given
+        if not given:
+            self.stepper.guide(None)
+            return
+        promise = float(request.promise[0])
+        firm = promise == FIRM
+        expected = None if firm or promise == UNKNOWN else promise
+        self.stepper.guide(Guide(request.guide.copy(), expected, firm))
+
+    def _write_stop(self, dt: float) -> int:
+        """Write the certified stop into the answer; return the number of knots."""
+        period = dt if self._usual(dt) else self.stepper.dt
+        twists = self.stepper.stop(period)
+        chosen = chosen_knots(twists)
+        count = len(chosen)
+        self._times[:count] = (chosen + 1) * period
+        self._times[count:] = 0.0
+        self._stop[:count] = twists[chosen]
+        self._stop[count:] = 0.0
+        return count
+
+    def _usual(self, dt: float) -> bool:
+        return SHORTEST_DT <= dt <= self.stepper.problem.longest_period
+
+
+def chosen_knots(twists: np.ndarray) -> np.ndarray:
+    """Return which twists (k, 6) of a stop become its knots: all, or `KNOTS` of them.
+
+    Between knots the stop is a straight line. So they lie close where it bends, and the first and
+    the last one always belong to them.
+    """
+    count = len(twists)
+    if count <= KNOTS:
+        return np.arange(count)
+    bends = np.zeros(count)
+    bends[1:-1] = np.sqrt(np.abs(twists[2:] - 2 * twists[1:-1] + twists[:-2]).max(axis=1))
+    bends[1:] += bends[1:].sum() / (8 * count) + 1e-12
+    along = np.cumsum(bends)
+    wanted = np.linspace(0.0, along[-1], KNOTS)
+    chosen = np.searchsorted(along, wanted * (1 - 1e-12))
+    return np.unique(np.minimum(chosen, count - 1))

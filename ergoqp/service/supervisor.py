@@ -1,0 +1,246 @@
+"""The service: one process that holds problems and sockets, and forks the ones that work."""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NoReturn
+
+from ergoqp.errors import ErgoqpError, InputError
+from ergoqp.service.folder import socket_path
+from ergoqp.service.served import Served
+from ergoqp.service.worker import Worker, die_with_parent, settle_in
+
+BACKLOG: Final = 16
+_LIVED: Final = 1.0
+"""A process that lived for less than this died of itself [s]."""
+_PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
+"""Waits before a process is forked again, by how many have died young in a row [s]."""
+
+
+@dataclass
+class Job:
+    """One process of the service, which is forked again when it ends.
+
+    Attributes:
+        name: what it does, for the log.
+        work: what runs in the process.
+        again: whether it is forked again when it ends.
+        pid: process; 0: it does not run.
+        young: how many have died young in a row.
+        due: when it is forked again (monotonic) [s].
+    """
+
+    name: str
+    work: Callable[[], None]
+    again: bool = True
+    pid: int = 0
+    young: int = 0
+    due: float = 0.0
+    began: float = field(default=0.0, repr=False)
+
+
+class Supervisor:
+    """Problems, listening sockets, and the processes that serve them.
+
+    The sockets stay with this process, so a client that connects while a worker is replaced waits
+    for the next one. All processes end with this one, however it ends.
+    """
+
+    def __init__(
+        self, problems: Sequence[Served], folder: Path, workers: int, priority: int | None = None
+    ) -> None:
+        """Bind the sockets of all loops.
+
+        Args:
+            problems: what is served; their names differ.
+            folder: private folder of the sockets.
+            workers: number of processes that compute steps.
+            priority: of SCHED_FIFO for the workers. None: the usual scheduling.
+
+        Raises:
+            InputError: if another service has one of the loops, or a socket cannot be bound.
+        """
+        self.folder, self._priority = folder, priority
+        self.jobs: list[Job] = []
+        self._problems = {each.name: each for each in problems}
+        self._locks: list[int] = []
+        self.listeners: dict[str, socket.socket] = {}
+        self._step_aside = mmap.mmap(-1, max(1, workers))
+        self._compiler: Job | None = None
+        groups = [list(problems)[start::workers] for start in range(workers)]
+        for each in problems:
+            for name in each.loop_names:
+                self._lock(name)
+                self.listeners[name] = self.listen(socket_path(folder, name))
+        self._groups = [group for group in groups if group]
+        for number, group in enumerate(self._groups):
+            names = ", ".join(each.name for each in group)
+            self.jobs.append(Job(f"worker of {names}", lambda n=number, g=group: self._work(n, g)))
+
+    def _lock(self, name: str) -> None:
+        """Claim a loop's name; the lock is held by this process and all that it forks."""
+        path = self.folder / f"{name}.lock"
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        self._locks.append(lock)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(lock, 20, 0).decode() or "another process"
+            raise InputError(
+                f"loop {name}: served by process {holder} in {str(self.folder)!r} already; end it,"
+                " or give another --dir"
+            ) from None
+        os.ftruncate(lock, 0)
+        os.pwrite(lock, str(os.getpid()).encode(), 0)
+
+    def listen(self, path: Path) -> socket.socket:
+        """Return a listening socket that only this user can connect to.
+
+        Raises:
+            InputError: if it cannot be bound.
+        """
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            path.unlink(missing_ok=True)
+            listener.bind(os.fspath(path))
+            os.chmod(path, 0o600)
+            listener.listen(BACKLOG)
+        except OSError as error:
+            raise InputError(
+                f"--dir: cannot make the socket {str(path)!r}: {error.strerror}"
+            ) from None
+        listener.setblocking(False)
+        return listener
+
+    def _work(self, number: int, group: Sequence[Served]) -> None:
+        """Serve the loops of a group; this is a worker's whole life."""
+        said = settle_in(self._priority)
+        loops, told = {}, {}
+        for each in group:
+            loops |= each.loops()
+            told |= {name: each.description(name) for name in each.loop_names}
+        say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
+        listeners = {name: self.listeners[name] for name in loops}
+        waits = any(not each.engine for each in group) and self._compiler is not None
+        leave = (lambda: self._step_aside[number] == 1) if waits else None
+        Worker(loops, listeners, told).run(leave)
+
+    def compile_beside(self) -> None:
+        """Compile the steps at idle priority; workers take them when nobody uses their loops.
+
+        A worker that is forked later takes them at once.
+        """
+
+        def work() -> None:
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+            for each in self._problems.values():
+                each.prepare(compiled=True)
+
+        self._compiler = Job("compiler", work, again=False)
+        self.jobs.append(self._compiler)
+
+    def _compiled(self, status: int) -> None:
+        """Take the compiled steps."""
+        if status:  # the compiler's process has said why
+            return
+        try:
+            for each in self._problems.values():
+                each.prepare(compiled=True)
+        except ErgoqpError as error:
+            say(f"the step goes on interpreted: {error}")
+            return
+        self._step_aside[:] = b"\1" * len(self._step_aside)
+
+    def run(self) -> None:
+        """Serve until SIGTERM or SIGINT, then end all processes."""
+        reader, writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+        ended: list[int] = []
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: ended.append(1))
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        try:
+            while not ended:
+                self._fork_what_is_due()
+                due = [job.due for job in self.jobs if not job.pid]
+                wait = max(0.0, min(due) - time.monotonic()) if due else None
+                if select.select([reader], [], [], wait)[0]:
+                    os.read(reader, 4096)
+                self._reap()
+        finally:
+            self._end_all()
+
+    def _fork_what_is_due(self) -> None:
+        now = time.monotonic()
+        for job in self.jobs:
+            if job.pid or job.due > now:
+                continue
+            job.began, job.pid = now, os.fork()
+            if not job.pid:
+                _live(job)
+
+    def _reap(self) -> None:
+        """Note which processes have ended."""
+        for job in list(self.jobs):
+            if not job.pid:
+                continue
+            pid, status = os.waitpid(job.pid, os.WNOHANG)
+            if not pid:
+                continue
+            code = os.waitstatus_to_exitcode(status)
+            lived = time.monotonic() - job.began
+            job.young = 0 if lived > _LIVED else job.young + 1
+            job.pid, wait = 0, _PATIENCE[min(job.young, len(_PATIENCE) - 1)]
+            job.due = time.monotonic() + wait
+            if job is self._compiler:
+                self._compiled(code)
+            if not job.again:
+                self.jobs.remove(job)
+            elif code:
+                how = f"signal {-code}" if code < 0 else f"status {code}"
+                say(f"{job.name} ended after {lived:.1f} s by {how}, and is started again")
+
+    def _end_all(self) -> None:
+        for job in self.jobs:
+            if job.pid:
+                os.kill(job.pid, signal.SIGKILL)
+                os.waitpid(job.pid, 0)
+        for name, listener in self.listeners.items():
+            listener.close()
+            socket_path(self.folder, name).unlink(missing_ok=True)
+
+
+def _live(job: Job) -> NoReturn:
+    """Do the work of a process, and end it."""
+    die_with_parent()
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGTERM, signal.SIGCHLD):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal: the supervisor ends this one
+    status = 0
+    try:
+        job.work()
+    except ErgoqpError as error:
+        say(f"{job.name}: {error}")
+        status = 1
+    except Exception as error:
+        say(f"{job.name}: internal fault, {type(error).__name__}: {error}")
+        status = 1
+    finally:
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def say(words: str) -> None:
+    """Write a line of the log."""
+    os.write(2, f"ergoqp serve: {words}\n".encode())

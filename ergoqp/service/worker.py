@@ -1,0 +1,217 @@
+"""One process of the service that computes steps: all its loops in one thread, woken by epoll."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import json
+import os
+import select
+import signal
+import socket
+import struct
+import time
+from collections.abc import Mapping
+from typing import Any, Final
+
+from ergoqp.service.loop import Loop, Request
+from ergoqp.service.schema import HEAD, SPOKEN, VERSION, Ask, Tell, note
+
+_PEER: Final = struct.Struct("3i")
+_DIE_WITH_PARENT: Final = 1
+_LOCK_ALL: Final = 3
+
+
+class Client:
+    """One connection to a loop.
+
+    Attributes:
+        request: the frame that is being received.
+        filled: bytes of it that have arrived.
+        pid: process at the other end.
+    """
+
+    def __init__(self, connection: socket.socket, loop: Loop, pid: int) -> None:
+        """Take a connection."""
+        self.socket, self.loop, self.pid = connection, loop, pid
+        self.request: Request = loop.new_request()
+        self.view = memoryview(self.request.buffer)
+        self.filled = 0
+
+
+class Worker:
+    """Loops, their listening sockets, and their clients.
+
+    A loop has one commander: the connection that sent its last step, until that connection ends.
+    What a client sends cannot end the worker. A frame that is none ends that client's connection.
+    """
+
+    def __init__(
+        self,
+        loops: Mapping[str, Loop],
+        listeners: Mapping[str, socket.socket],
+        descriptions: Mapping[str, str],
+        recorder: Any = None,
+    ) -> None:
+        """Take the loops of this process.
+
+        Args:
+            loops: the loops by name.
+            listeners: listening socket of each.
+            descriptions: what a client is told about each loop, an object of JSON.
+            recorder: has a method ``record(loop, request, answer)``; None: nothing is recorded.
+        """
+        self._loops, self._descriptions, self._recorder = loops, descriptions, recorder
+        self._poll = select.epoll()
+        self._listening = {each.fileno(): (each, loops[name]) for name, each in listeners.items()}
+        self._clients: dict[int, Client] = {}
+        self._commanders: dict[str, Client] = {}
+        self._steps = dict.fromkeys(loops, 0)
+        self._since = time.time()
+        for number in self._listening:
+            self._poll.register(number, select.EPOLLIN)
+
+    @property
+    def idle(self) -> bool:
+        """Whether no loop has a commander, and no object moves."""
+        return not self._commanders and not any(loop.moved for loop in self._loops.values())
+
+    def run(self, leave_when_idle: Any = None) -> None:
+        """Serve until the process ends, or until it shall make room and is idle.
+
+        Args:
+            leave_when_idle: returns whether it shall make room.
+        """
+        while leave_when_idle is None or not (leave_when_idle() and self.idle):
+            for number, _ in self._poll.poll(-1 if leave_when_idle is None else 0.25):
+                if number in self._listening:
+                    self._accept(*self._listening[number])
+                else:
+                    self._receive(self._clients[number])
+
+    def _accept(self, listener: socket.socket, loop: Loop) -> None:
+        try:
+            connection, _ = listener.accept()
+        except OSError:  # it has gone already, or another worker took it
+            return
+        pid, user, _ = _PEER.unpack(
+            connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+        )
+        if user not in (0, os.getuid()):
+            connection.close()
+            return
+        connection.setblocking(False)
+        self._clients[connection.fileno()] = Client(connection, loop, pid)
+        self._poll.register(connection.fileno(), select.EPOLLIN)
+
+    def _receive(self, client: Client) -> None:
+        """Read what has arrived, and answer every whole frame."""
+        try:
+            count = client.socket.recv_into(client.view[client.filled :])
+        except BlockingIOError:
+            return
+        except OSError:
+            count = 0
+        if not count:
+            self._end(client)
+            return
+        client.filled += count
+        while client.filled >= HEAD.size:
+            length, version, kind, _, sequence = HEAD.unpack_from(client.view)
+            whole = client.request.length
+            if kind == Ask.describe and length == HEAD.size:
+                self._send(client, self._described(client.loop, sequence))
+            elif length != whole or version not in SPOKEN or kind != Ask.step:
+                self._send(client, note(Tell.refused, sequence, _misfit(length, version, whole)))
+                self._end(client)
+                return
+            elif client.filled < whole:
+                return
+            else:
+                self._step(client, sequence)
+            # A client sends one request at a time, but its next one may have arrived.
+            rest = client.filled - length
+            if rest:
+                client.view[:rest] = bytes(client.view[length : client.filled])
+            client.filled = rest
+
+    def _step(self, client: Client, sequence: int) -> None:
+        loop = client.loop
+        commander = self._commanders.get(loop.name)
+        if commander is not client:
+            if commander is not None:
+                words = f"loop {loop.name}: commanded by process {commander.pid} already"
+                self._send(client, note(Tell.refused, sequence, words))
+                return
+            self._commanders[loop.name] = client
+        answer = loop.answer(client.request)
+        self._send(client, answer)
+        self._steps[loop.name] += 1
+        if self._recorder is not None:
+            self._recorder.record(loop, client.request, answer)
+
+    def _send(self, client: Client, frame: bytes | memoryview) -> None:
+        """Send a frame; a client that does not read loses its connection."""
+        try:
+            if client.socket.send(frame, socket.MSG_NOSIGNAL) == len(frame):
+                return
+        except OSError:
+            pass
+        self._end(client)
+
+    def _end(self, client: Client) -> None:
+        number = client.socket.fileno()
+        if self._clients.pop(number, None) is None:
+            return
+        self._poll.unregister(number)
+        client.socket.close()
+        client.filled = 0
+        if self._commanders.get(client.loop.name) is client:
+            del self._commanders[client.loop.name]
+
+    def _described(self, loop: Loop, sequence: int) -> bytes:
+        """Return what a client has to know about a loop, and how the loop is."""
+        commander = self._commanders.get(loop.name)
+        health = {
+            "pid": os.getpid(),
+            "since": self._since,
+            "steps": self._steps[loop.name],
+            "taken_back": loop.undone,
+            "commander": commander and commander.pid,
+            "moves": loop.moved,
+        }
+        told = f'{self._descriptions[loop.name][:-1]}, "health": {json.dumps(health)}}}'
+        return note(Tell.described, sequence, told, loop.session)
+
+
+def _misfit(length: int, version: int, whole: int) -> str:
+    if version not in SPOKEN:
+        return f"version: got {version}, allowed {VERSION}"
+    return f"frame: got {length} bytes, allowed {whole} for a step of this loop"
+
+
+def die_with_parent() -> None:
+    """Have this process ended when the one that forked it ends, however that ends."""
+    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+
+
+def settle_in(priority: int | None) -> str:
+    """Prepare a forked process for regular work; return what the log says about it.
+
+    The collector is switched off: what exists now is never looked at again, and the loops make no
+    circles of objects.
+
+    Args:
+        priority: of SCHED_FIFO. None: the usual scheduling.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    if priority is None:
+        return "usual scheduling"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        return f"SCHED_FIFO {priority} is not allowed here ({error.strerror}): usual scheduling"
+    locked = ctypes.CDLL(None).mlockall(_LOCK_ALL) == 0
+    return f"SCHED_FIFO {priority}, memory {'locked' if locked else 'not locked'}"
