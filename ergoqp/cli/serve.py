@@ -10,6 +10,7 @@ import typer
 
 from ergoqp.cli.options import folder_of, option
 from ergoqp.errors import InputError
+from ergoqp.service.c_header import header
 from ergoqp.service.folder import private_folder
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
@@ -24,6 +25,7 @@ Examples:
   ergoqp serve screwing
   ergoqp serve screwing overhead --loops 4 --fifo 20
   ergoqp serve --schema
+  ergoqp serve --header > ergoqp_client.h
 """
 
 
@@ -59,6 +61,9 @@ def command(
     print_schema: Annotated[
         bool, option(None, "Print the frames of the protocol as JSON.", "--schema")
     ] = False,
+    print_header: Annotated[
+        bool, option(None, "Print the client for C and C++, one header.", "--header")
+    ] = False,
 ) -> None:
     """Serve until interrupted.
 
@@ -67,6 +72,9 @@ def command(
     """
     if print_schema:
         typer.echo(json.dumps(schema(), indent=2))
+        return
+    if print_header:
+        typer.echo(header(), nl=False)
         return
     _check("--loops", loops, 1, 256)
     _check("--workers", workers, 1, 64)
