@@ -35,7 +35,8 @@ from ergoqp.service.schema import (
 from ergoqp.step.causes import Cause, Status
 
 _HERE: Final = Path(__file__).resolve().parent / "c"
-_MARKER: Final = "/* The generated part comes here; `ergoqp serve --header` prints the whole. */"
+_MARKER: Final = '#error "this is a part of ergoqp_client.h'
+"""Begins the line that the generated part replaces."""
 _PREFIX: Final = "ERGOQP_CLIENT_"
 _TYPES: Final = {
     "u16": "uint16_t",
@@ -54,7 +55,11 @@ def header() -> str:
         >>> "#define ERGOQP_CLIENT_FLAG_ENABLE 16u" in header()
         True
     """
-    return (_HERE / "ergoqp_client.h").read_text(encoding="utf-8").replace(_MARKER, _generated())
+    text = (_HERE / "ergoqp_client.h").read_text(encoding="utf-8")
+    return "".join(
+        _generated() + "\n" if line.startswith(_MARKER) else line
+        for line in text.splitlines(keepends=True)
+    )
 
 
 def relay_source() -> str:

@@ -54,7 +54,7 @@
 #define ERGOQP_CLIENT_ASSERT(condition, name) typedef char ergoqp_client_assert_##name[(condition) ? 1 : -1]
 #endif
 
-/* The generated part comes here; `ergoqp serve --header` prints the whole. */
+#error "this is a part of ergoqp_client.h; `ergoqp serve --header` prints the whole"
 
 /* A loop with more is refused by name. */
 #ifndef ERGOQP_CLIENT_MOST_COORDINATES
