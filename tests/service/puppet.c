@@ -41,6 +41,8 @@ int main(void) {
         } else if (!strcmp(word, "explain")) {
             numbers(given, 1);
             client.explain = (int)given[0];
+        } else if (!strcmp(word, "timeout")) {
+            numbers(&client.timeout, 1);
         } else if (!strcmp(word, "flags")) {
             numbers(given, 1);
             in.flags = (unsigned)given[0];

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import subprocess
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +15,7 @@ import numpy as np
 
 from ergoqp.native.compiled import program
 from ergoqp.service.c_header import header
+from ergoqp.service.schema import ANSWER_HEAD, HEAD, KNOTS, Tell, answer_frame
 
 N = 32
 
@@ -59,7 +64,7 @@ class Puppet:
         self,
         path: Any,
         relay: Any = "-",
-        dt: float = 0.05,
+        dt: float = 0.01,
         timeout: float = 2.0,
         longest: float = 60.0,
         coordinates: int = N,
@@ -98,3 +103,75 @@ class Puppet:
     def end(self) -> None:
         self.process.kill()
         self.process.communicate()
+
+
+class Fake:
+    """A server on a socket that answers every request as a function says; None closes."""
+
+    def __init__(self, path: Path, answer: Callable[[bytes], bytes | None]) -> None:
+        self.path, self.requests, self.answer = path, list[bytes](), answer
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(os.fspath(path))
+        self._listener.listen(4)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._listener.settimeout(0.05)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            try:
+                connection, _ = self._listener.accept()
+            except TimeoutError:
+                continue
+            connection.settimeout(0.05)
+            with connection:
+                self._talk(connection)
+
+    def _talk(self, connection: socket.socket) -> None:
+        while not self._ended.is_set():
+            try:
+                asked = connection.recv(65536)
+                if not asked:
+                    return
+                self.requests.append(asked)
+                if (told := self.answer(asked)) is None:
+                    return
+                connection.sendall(told)
+            except TimeoutError:
+                continue
+            except OSError:
+                return
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._listener.close()
+
+
+def step_answer(
+    asked: bytes,
+    twist: Any = 0.1,
+    knots: int = 2,
+    rows: int = 3,
+    dt: float = 0.01,
+    session: int = 77,
+    **changed: Any,
+) -> bytearray:
+    """Return an answer to a request: a twist, and a stop of equal steps."""
+    layout = answer_frame(N, rows)
+    frame = bytearray(layout.length)
+    sequence = HEAD.unpack_from(asked)[4]
+    ANSWER_HEAD.pack_into(
+        frame, 0, len(frame), 1, Tell.step, session, sequence, 1, 0, 0, 0, 0, 0, N, rows, knots, 0.0
+    )
+    layout.numbers(frame, "twist")[:] = twist
+    count = min(knots, KNOTS)
+    layout.numbers(frame, "times")[:count] = dt * np.arange(1, count + 1)
+    shares = 1 - np.arange(1, count + 1) / max(count, 1)
+    layout.numbers(frame, "stop").reshape(KNOTS, 6)[:count] = np.outer(
+        shares, np.broadcast_to(twist, 6)
+    )
+    for name, value in changed.items():
+        layout.numbers(frame, name).flat[0] = value
+    return frame

@@ -235,9 +235,19 @@ static inline int ergoqp_client_priv_receive(ergoqp_client_link* link, void* int
     }
 }
 
-/* Ends a connection that does not work any more; always returns 0. */
-static inline int ergoqp_client_priv_lose(ergoqp_client* c, ergoqp_client_link* link, const char* who, int how) {
-    const int garbage = how == ERGOQP_CLIENT_PRIV_GARBAGE;
+/* Counts and says what was received; returns whether it is an answer. A connection that does not work any more is ended. */
+static inline int ergoqp_client_priv_found(ergoqp_client* c, ergoqp_client_link* link, const char* who, int found) {
+    const int garbage = found == ERGOQP_CLIENT_PRIV_GARBAGE;
+    if (found == ERGOQP_CLIENT_PRIV_WHOLE) {
+        link->outstanding = 0;
+        link->got = 0;
+        return 1;
+    }
+    if (found == ERGOQP_CLIENT_PRIV_NOT_YET) {
+        c->late += 1;
+        ergoqp_client_priv_say(c, who, "no answer in time", "");
+        return 0;
+    }
     c->lost += 1;
     c->refused += garbage ? 1u : 0u;
     ergoqp_client_priv_say(c, who, garbage ? "an answer that is none, or of another version" : "the connection was lost", "");
@@ -245,17 +255,25 @@ static inline int ergoqp_client_priv_lose(ergoqp_client* c, ergoqp_client_link* 
     return 0;
 }
 
-/* Receives the answer to the outstanding question; returns whether it is there. */
-static inline int ergoqp_client_priv_answer(ergoqp_client* c, ergoqp_client_link* link, const char* who, void* into,
-                                            size_t capacity, unsigned version, int64_t until) {
-    const int found = ergoqp_client_priv_receive(link, into, capacity, version, until);
-    if (found == ERGOQP_CLIENT_PRIV_NOT_YET) {
-        c->late += 1;
-        ergoqp_client_priv_say(c, who, "no answer in time", "");
-        return 0;
+/* Receives the service's answer to the outstanding question; returns whether it is there. */
+static inline int ergoqp_client_priv_answer(ergoqp_client* c, int64_t until) {
+    int found = ergoqp_client_priv_receive(&c->service, c->answer, sizeof c->answer, ERGOQP_CLIENT_VERSION, until);
+    ergoqp_client_answer_head head;
+    memcpy(&head, c->answer, offsetof(ergoqp_client_answer_head, engine));
+    if (found == ERGOQP_CLIENT_PRIV_WHOLE && head.sequence != c->service.outstanding) found = ERGOQP_CLIENT_PRIV_GARBAGE;
+    return ergoqp_client_priv_found(c, &c->service, "service: ", found);
+}
+
+/* Receives the relay's answer to the outstanding question into `told`; returns whether it is there. */
+static inline int ergoqp_client_priv_told(ergoqp_client* c, int64_t until) {
+    int found = ergoqp_client_priv_receive(&c->relay, &c->told, sizeof c->told, ERGOQP_CLIENT_RELAY_VERSION, until);
+    /* A relay that has a client already says so unasked. */
+    const int unasked = c->told.why == ERGOQP_CLIENT_RELAY_WHY_TAKEN && c->told.number == 0;
+    if (found == ERGOQP_CLIENT_PRIV_WHOLE &&
+        (c->told.length != sizeof c->told || (c->told.number != c->relay.outstanding && !unasked))) {
+        found = ERGOQP_CLIENT_PRIV_GARBAGE;
     }
-    if (found != ERGOQP_CLIENT_PRIV_WHOLE) return ergoqp_client_priv_lose(c, link, who, found);
-    return 1;
+    return ergoqp_client_priv_found(c, &c->relay, "relay: ", found);
 }
 
 /* The twist of the plan at a time from its own twist on [s]. */
@@ -401,7 +419,6 @@ static inline int ergoqp_client_priv_usable(ergoqp_client* c) {
 /* Sends a request and receives its answer; returns whether that is a step which can be executed. */
 static inline int ergoqp_client_priv_exchange(ergoqp_client* c, const ergoqp_client_input* in, uint32_t bits, int64_t until) {
     ergoqp_client_request_head head;
-    ergoqp_client_answer_head answer;
     const uint32_t n = c->coordinates, length = ERGOQP_CLIENT_REQUEST_LENGTH(n, 0);
     if (!ergoqp_client_priv_connect(&c->service, c->path)) {
         c->lost += 1;
@@ -410,8 +427,7 @@ static inline int ergoqp_client_priv_exchange(ergoqp_client* c, const ergoqp_cli
     }
     if (c->service.outstanding) {
         /* An answer that comes now is too late: something else was executed meanwhile. */
-        if (!ergoqp_client_priv_answer(c, &c->service, "service: ", c->answer, sizeof c->answer, ERGOQP_CLIENT_VERSION, 0)) return 0;
-        c->service.outstanding = 0;
+        if (!ergoqp_client_priv_answer(c, 0)) return 0;
     }
     memset(&head, 0, sizeof head);
     head.length = length;
@@ -441,32 +457,21 @@ static inline int ergoqp_client_priv_exchange(ergoqp_client* c, const ergoqp_cli
     memcpy(c->request + ERGOQP_CLIENT_REQUEST_AT_POSTURE(n, 0) / 8, in->posture, n * sizeof(double));
     memcpy(c->request + ERGOQP_CLIENT_REQUEST_AT_OBSERVED(n, 0) / 8, in->observed, n * sizeof(double));
     if (!ergoqp_client_priv_send(&c->service, c->request, length, head.sequence)) {
-        return ergoqp_client_priv_lose(c, &c->service, "service: ", ERGOQP_CLIENT_PRIV_LOST);
+        return ergoqp_client_priv_found(c, &c->service, "service: ", ERGOQP_CLIENT_PRIV_LOST);
     }
-    if (!ergoqp_client_priv_answer(c, &c->service, "service: ", c->answer, sizeof c->answer, ERGOQP_CLIENT_VERSION, until)) return 0;
-    memcpy(&answer, c->answer, offsetof(ergoqp_client_answer_head, engine));
-    if (answer.sequence != c->service.outstanding) {
-        return ergoqp_client_priv_lose(c, &c->service, "service: ", ERGOQP_CLIENT_PRIV_GARBAGE);
-    }
-    c->service.outstanding = 0;
-    return ergoqp_client_priv_usable(c);
+    return ergoqp_client_priv_answer(c, until) && ergoqp_client_priv_usable(c);
 }
 
 /* Sends a frame to the relay and receives its answer into `told`; returns whether it is there. */
 static inline int ergoqp_client_priv_tell_relay(ergoqp_client* c, void* frame, size_t length, int64_t until) {
     const uint64_t number = ++c->number;
     memcpy((char*)frame + offsetof(ergoqp_client_relay_execute, number), &number, sizeof number);
-    /* A relay that has a client already says so unasked, and closes: then nothing can be sent, but that can be read. */
+    /* A relay that has a client already says so and closes: nothing can be sent then, but that can be read. */
     const int sent = ergoqp_client_priv_send(&c->relay, frame, length, number);
-    if (!ergoqp_client_priv_answer(c, &c->relay, "relay: ", &c->told, sizeof c->told, ERGOQP_CLIENT_RELAY_VERSION,
-                                   sent ? until : 0)) {
+    if (!ergoqp_client_priv_told(c, sent ? until : 0)) {
         if (!sent) ergoqp_client_priv_disconnect(&c->relay);
         return 0;
     }
-    if (c->told.length != sizeof c->told || (c->told.number != number && c->told.why != ERGOQP_CLIENT_RELAY_WHY_TAKEN)) {
-        return ergoqp_client_priv_lose(c, &c->relay, "relay: ", ERGOQP_CLIENT_PRIV_GARBAGE);
-    }
-    c->relay.outstanding = 0;
     c->told.text[ERGOQP_CLIENT_TEXT - 1] = 0;
     if (c->told.kind == ERGOQP_CLIENT_RELAY_TELL_REFUSED) {
         c->refused += 1;
@@ -489,10 +494,7 @@ static inline int ergoqp_client_priv_ask_relay(ergoqp_client* c, int64_t until) 
         ergoqp_client_priv_say(c, "relay: nobody answers at ", c->relay_path, "");
         return 0;
     }
-    if (c->relay.outstanding) {
-        if (!ergoqp_client_priv_answer(c, &c->relay, "relay: ", &c->told, sizeof c->told, ERGOQP_CLIENT_RELAY_VERSION, 0)) return 0;
-        c->relay.outstanding = 0;
-    }
+    if (c->relay.outstanding && !ergoqp_client_priv_told(c, 0)) return 0;
     memcpy(frame, &length, sizeof length);
     memcpy((char*)frame + 4, words, sizeof words);
     if (!ergoqp_client_priv_tell_relay(c, frame, sizeof frame, until)) return 0;
