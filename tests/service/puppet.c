@@ -30,6 +30,7 @@ int main(void) {
             const char* relay = strtok(NULL, " \n");
             int done;
             numbers(given, 4);
+            if (client.dt > 0) ergoqp_client_close(&client);
             done = ergoqp_client_init(&client, path, strcmp(relay, "-") ? relay : NULL, (unsigned)given[0], given[1]);
             client.timeout = given[2];
             client.longest_dt = given[3];

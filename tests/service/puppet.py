@@ -169,9 +169,9 @@ def step_answer(
     count = min(knots, KNOTS)
     layout.numbers(frame, "times")[:count] = dt * np.arange(1, count + 1)
     shares = 1 - np.arange(1, count + 1) / max(count, 1)
-    layout.numbers(frame, "stop").reshape(KNOTS, 6)[:count] = np.outer(
-        shares, np.broadcast_to(twist, 6)
-    )
+    with np.errstate(invalid="ignore"):
+        stop = np.outer(shares, np.broadcast_to(twist, 6))
+    layout.numbers(frame, "stop").reshape(KNOTS, 6)[:count] = stop
     for name, value in changed.items():
         layout.numbers(frame, name).flat[0] = value
     return frame

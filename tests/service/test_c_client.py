@@ -198,8 +198,6 @@ def test_it_gives_the_steps_of_a_stepper(
     puppet.ask("flags", int(Flag.enable))
     np.testing.assert_array_equal(puppet.step(posture).twist, stepper.step(None).twist)
     assert puppet.reason.startswith("no posture arrived")
-    puppet.ask("flags", int(Flag.frame))
-    assert puppet.step(posture).status == stepper.step(posture, enable=False).status == "braking"
     puppet.ask("flags", FRAME)
     for order, call in (("hold", stepper.hold), ("try_again", stepper.try_again)):
         puppet.ask(order)
@@ -210,6 +208,8 @@ def test_it_gives_the_steps_of_a_stepper(
             assert (mine.status, puppet.reason) == (theirs.status, theirs.reason)
     assert mine.status == "optimal"
     assert puppet.counters == (0, 0, 0)
+    puppet.ask("flags", int(Flag.frame))
+    assert puppet.step(posture).status == stepper.step(posture, enable=False).status == "braking"
     puppet.ask("explain", 0)
     puppet.give("posture", np.full(N, np.nan))
     assert puppet.step().status == "invalid"
