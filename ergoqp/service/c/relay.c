@@ -44,7 +44,9 @@ ERGOQP_CLIENT_ASSERT(sizeof(Datagram) == 64, datagram_size);
 /* What is executed. */
 static struct {
     uint64_t session, sequence;
-    double begin, reach, dt; /* when it was accepted, after how long the twist is reached, period of the stop [s] */
+    double begin;     /* when it was accepted [s] */
+    double reach, dt; /* after how long the twist is reached, and period of the stop [s] */
+    double rests;     /* after how long the output is zero for good [s] */
     double from[6];
     ergoqp_client_plan plan;
 } executed;
@@ -101,10 +103,7 @@ static void output(double now, double twist[6]) {
     }
 }
 
-static int stands(double now) {
-    const uint32_t knots = executed.plan.knots;
-    return !knots || now - executed.begin - executed.reach >= executed.plan.times[knots - 1];
-}
+static int stands(double now) { return now - executed.begin >= executed.rests; }
 
 /* Periods of the stop that have begun. */
 static uint32_t begun(double now) {
@@ -265,6 +264,24 @@ static int continues(const Frame* frame, double now, Told* told) {
     return 1;
 }
 
+static int is_zero(const double twist[6]) {
+    int i;
+    for (i = 0; i < 6; ++i) {
+        if (twist[i] != 0.0) return 0;
+    }
+    return 1;
+}
+
+/* After how long the output is zero for good. */
+static double time_to_rest(void) {
+    const ergoqp_client_plan* plan = &executed.plan;
+    uint32_t last = plan->knots;
+    while (last > 0 && is_zero(plan->stop + 6 * (last - 1))) --last;
+    /* Knot `last` is the first of those zeros; the twist is before knot 0. */
+    if (last > 0 || !is_zero(plan->twist)) return executed.reach + plan->times[last];
+    return is_zero(executed.from) ? 0.0 : executed.reach;
+}
+
 static void execute(Frame* frame, double now, Told* told) {
     if (!is_sound(frame, told) || !keeps_limits(frame, told) || !continues(frame, now, told)) return;
     if (told_to_end) {
@@ -281,6 +298,7 @@ static void execute(Frame* frame, double now, Told* told) {
     memcpy(executed.plan.twist, frame->twist, sizeof frame->twist);
     memcpy(executed.plan.times, frame->times, sizeof frame->times);
     memcpy(executed.plan.stop, frame->stop, sizeof frame->stop);
+    executed.rests = time_to_rest();
     told->kind = ERGOQP_CLIENT_RELAY_TELL_ACCEPTED;
 }
 
