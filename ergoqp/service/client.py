@@ -41,6 +41,8 @@ _STEP, _TOLD = int(Ask.step), int(Tell.step)
 _STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
 _CONNECTING: Final = 5.0
 """How long the first connection and the description may take [s]."""
+_SELECTED: Final = 1024
+"""Descriptors from this number on cannot be given to `select.select`."""
 _ASK: Final = "call reset() once it stands, or reset(twist=) with its measured twist"
 
 
@@ -190,7 +192,7 @@ class Client:
         if path.suffix != ".sock" and len(path.parts) == 1:
             path = socket_path(default_folder(), str(address))
         self._path, self._socket = os.fspath(path), None
-        self._poll, self._outstanding, self._got = select.poll(), 0, 0
+        self._outstanding, self._got = 0, 0
         self.description = self._read_description()
         self.dt = float(self.description["dt"] if dt is None else dt)
         check_number("dt", self.dt, 1e-5, float(self.description["longest_dt"]), "s")
@@ -470,8 +472,7 @@ class Client:
         """
         until = time.perf_counter() + wait
         while True:
-            left = until - time.perf_counter()
-            if not self._poll.poll(max(0.0, 1e3 * left)):
+            if not self._arrives(max(0.0, until - time.perf_counter())):
                 return False
             try:
                 count = self._socket.recv_into(self._into[self._got :]) if self._socket else 0
@@ -502,6 +503,17 @@ class Client:
             self._not_done(kind, bytes(self._into[ANSWER_HEAD.size : length]))
             return False
 
+    def _arrives(self, seconds: float) -> bool:
+        """Wait for bytes, or the end of the connection."""
+        if self._socket is None:
+            return False
+        number = self._socket.fileno()
+        if number < _SELECTED:  # this waits to the microsecond, and the other to the millisecond
+            return bool(select.select((number,), (), (), seconds)[0])
+        poll = select.poll()
+        poll.register(number, select.POLLIN)
+        return bool(poll.poll(1e3 * seconds))
+
     def _finite(self) -> bool:
         """Return whether the twists of the answer that has arrived are numbers."""
         return bool(np.isfinite(self._arrived[0]).all() and np.isfinite(self._arrived[1]).all())
@@ -526,7 +538,6 @@ class Client:
 
     def _disconnect(self) -> None:
         if self._socket is not None:
-            self._poll.unregister(self._socket)
             self._socket.close()
         self._socket, self._outstanding, self._got = None, 0, 0
 
@@ -540,7 +551,6 @@ class Client:
             connection.close()
             return False
         self._socket = connection
-        self._poll.register(connection, select.POLLIN)
         return True
 
     def _read_description(self) -> dict[str, Any]:

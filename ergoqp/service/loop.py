@@ -108,7 +108,7 @@ class Loop:
         self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
         self._pose_at, self._rate_at = slices["pose_used"], slices["posture_rate"]
         self._causes_at = slices["causes"].start
-        self._period, self._ends = 0.0, np.zeros(KNOTS)
+        self._period = 0.0
 
     def new_request(self) -> Request:
         """Return a buffer for the requests of one client."""
@@ -292,13 +292,12 @@ class Loop:
         count = len(twists)
         if count <= KNOTS:
             if period != self._period:
-                self._period, self._ends = period, period * np.arange(1.0, KNOTS + 1)
-            self._times[:count], self._stop[:count] = self._ends[:count], twists
+                self._period, self._times[:] = period, period * np.arange(1.0, KNOTS + 1)
+            self._stop[:count] = twists
         else:
             chosen = chosen_knots(twists)
-            count = len(chosen)
+            count, self._period = len(chosen), 0.0
             self._times[:count], self._stop[:count] = (chosen + 1) * period, twists[chosen]
-        self._times[count:], self._stop[count:] = 0.0, 0.0
         return count
 
 
