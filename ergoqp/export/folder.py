@@ -152,8 +152,7 @@ def export_step(
             " such as left_arm"
         )
     if folder.exists() and (
-        not folder.is_dir()
-        or (any(folder.iterdir()) and not any(folder.glob("include/*_step.h")))
+        not folder.is_dir() or (any(folder.iterdir()) and not any(folder.glob("include/*_step.h")))
     ):
         raise InputError(
             f"--out: {str(folder)!r} holds something else; give a new folder or an earlier export"
