@@ -47,6 +47,8 @@ int main(void) {
         PREFIX_step(&stepper, &input, &output);
         for (axis = 0; axis < 6; ++axis) printf("%.17g ", output.twist[axis]);
     }
+    memset(output.twist, 0xff, sizeof output.twist); /* no numbers */
+    printf("%d", PREFIX_take_over(&stepper, output.twist));
     return 0;
 }
 """
@@ -94,20 +96,23 @@ def posture_of(problem: Problem) -> np.ndarray:
 
 
 def program(problem: Problem, prefix: str = "ergoqp") -> str:
-    """A program in C and C++ that prints the twists of an export for one state."""
+    """A program in C and C++ that prints the twists of an export for one state, and whether it
+    takes over a twist of no numbers."""
     text = PROGRAM.replace("PREFIX_COORDINATES", f"{prefix.upper()}_COORDINATES")
     text = text.replace("PREFIX", prefix).replace("STEPS", str(STEPS))
     return text.replace("POSTURE", ", ".join(map(repr, posture_of(problem).tolist())))
 
 
 def check_twists(program: Path, problem: Problem) -> None:
-    """A program prints the twists that the step in Python gives."""
+    """A program prints the twists that the step in Python gives, and refuses one of no numbers."""
     said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     stepper, posture = Stepper(problem), posture_of(problem)
     expected = np.array([stepper.step(posture).twist for _ in range(STEPS)])
     assert np.abs(expected).max() > 1e-3
-    found = np.array(said.split(), dtype=float).reshape(-1, 6)
+    *words, taken = said.split()
+    found = np.array(words, dtype=float).reshape(-1, 6)
     np.testing.assert_allclose(found, expected, atol=1e-12, rtol=0)
+    assert taken == "0"
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +199,7 @@ def test_two_of_them_are_parts_of_a_project(
     (tmp_path / "replay.c").write_text(program(other, "left_arm"))
     # Another version of DAQP's headers comes first in what the project includes.
     (tmp_path / "another/daqp").mkdir(parents=True)
-    (tmp_path / "another/daqp/types.h").write_text("#error another version\n")
+    (tmp_path / "another/daqp/api.h").write_text("#error another version\n")
     build = tmp_path / "build"
     cmake("-S", tmp_path, "-B", build)
     cmake("--build", build)
