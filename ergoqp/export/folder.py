@@ -116,7 +116,8 @@ def export_step(
 
     Args:
         problem: the task; its control period becomes the default one.
-        folder: target folder. It must be missing or empty, or hold an earlier export.
+        folder: target folder. It must be missing or empty, or hold an earlier export of the same
+            prefix.
         guide: a place that the object is drawn to, as for `ergoqp.Stepper`; the caller in C can
             change it. None: the exported step has descent only, and is smaller.
         start: state at which the example starts, such as a posture (32,) [rad]. None: the working
@@ -151,11 +152,14 @@ def export_step(
             f"prefix: got {shown(prefix)}, allowed lower-case letters, digits and _ between them,"
             " such as left_arm"
         )
+    earlier = (folder / f"include/{prefix}_step.h", folder / "src/qp_daqp.h")
     if folder.exists() and (
-        not folder.is_dir() or (any(folder.iterdir()) and not any(folder.glob("include/*_step.h")))
+        not folder.is_dir()
+        or (any(folder.iterdir()) and not all(file.is_file() for file in earlier))
     ):
         raise InputError(
             f"--out: {str(folder)!r} holds something else; give a new folder or an earlier export"
+            f" whose prefix is {prefix}"
         )
     place = None if guide is None else read_guide(problem, guide)
     begin = example_start(problem, start)

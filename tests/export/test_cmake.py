@@ -127,7 +127,7 @@ def prefix(exported: tuple[Problem, Path]) -> Path:
     """A folder in which the export was installed, moved since."""
     _, folder = exported
     built, first, second = (folder.parent / name for name in ("build", "first", "second"))
-    cmake("-S", folder, "-B", built)
+    cmake("-S", folder, "-B", built, "-DCMAKE_INSTALL_LIBDIR=lib")
     cmake("--build", built)
     cmake("--install", built, "--prefix", first)
     assert (built / "main").is_file()
@@ -222,6 +222,16 @@ def test_two_of_them_are_parts_of_a_project(
     # Examples and rules to install are not of interest to a project that did not ask for them.
     assert all("/example/" not in one["file"] for one in commands)
     assert "ergoqp_step.h" not in (build / "step/cmake_install.cmake").read_text()
+
+
+def test_a_prefix_begins_all_names(exported: tuple[Problem, Path], tmp_path: Path) -> None:
+    problem, folder = exported
+    files = export_step(problem, tmp_path / "step", prefix="left_arm")
+    assert not [file for file in files if "ergoqp_" in file.name or b"ergoqp_" in file.read_bytes()]
+    # The files of both would lie beside each other.
+    with pytest.raises(InputError, match=r"an earlier export whose prefix is left_arm$"):
+        export_step(problem, folder, prefix="left_arm")
+    export_step(problem, tmp_path / "step", prefix="left_arm")
 
 
 @pytest.mark.parametrize("wrong", ["", "Left", "1st", "left-arm", "left_", 3])

@@ -497,10 +497,12 @@ def test_the_example_begins_where_the_user_says(tmp_path):
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
-    (tmp_path / "mine.txt").write_text("keep")
+    mine = tmp_path / "include/motor_step.h"
+    mine.parent.mkdir()
+    mine.write_text("keep")
     with pytest.raises(InputError, match="holds something else"):
         export_step(ergoqp.load_problem("screwing"), tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine]
 
 
 def test_a_period_out_of_range_is_one_sentence(tmp_path, capsys):
