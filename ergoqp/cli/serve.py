@@ -13,7 +13,7 @@ from ergoqp.errors import InputError
 from ergoqp.service.folder import private_folder
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
-from ergoqp.service.supervisor import Supervisor, say
+from ergoqp.service.supervisor import MOST_WORKERS, Supervisor, say
 
 ABOUT = """Serve the control step of problems to other processes.
 
@@ -69,7 +69,7 @@ def command(
         typer.echo(json.dumps(schema(), indent=2))
         return
     _check("--loops", loops, 1, 256)
-    _check("--workers", workers, 1, 64)
+    _check("--workers", workers, 1, MOST_WORKERS)
     _check("--fifo", fifo, 1, 99)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
