@@ -34,11 +34,11 @@ _COPIED: Final = ("fault", "residuals")
 """First and last of the outputs of a step that lie beside each other in an answer too."""
 
 # Plain numbers, because those of an enumeration cost ten times as much to compare.
-_FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _EXPLAIN = (
-    int(Flag[name]) for name in ("frame", "pose", "twist", "observed", "enable", "explain")
+_FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _EXPLAIN, _BRAKE = (
+    int(Flag[name]) for name in ("frame", "pose", "twist", "observed", "enable", "explain", "brake")
 )
 _BEGINS: Final = int(Flag.stands | Flag.takes_over)
-_ORDERS: Final = int(Flag.hold | Flag.try_again | Flag.guide | Flag.no_guide | Flag.brake)
+_ORDERS: Final = int(Flag.hold | Flag.try_again | Flag.guide | Flag.no_guide)
 _STEP, _TOLD, _STILL = int(Ask.step), int(Tell.step), int(Mark.still)
 _STATUSES: Final = {status.name: status for status in Status}
 
@@ -204,7 +204,7 @@ class Loop:
         stepper = self.stepper
         if bits & _ORDERS:
             self._obey(request, bits)
-        if bits & Flag.brake:
+        if bits & _BRAKE:
             step = stepper.brake(dt)
         else:
             step = stepper.step(
