@@ -16,8 +16,8 @@ from ergoqp.service.folder import private_folder, socket_path
 ABOUT = """Execute twists and their stops beside the robot, whatever happens to who sends them.
 
 It is a small program in C, which is compiled once. A client that is given the relay's path sends
-each twist with its stop. If the client is late, hangs or dies, the relay goes on along the stop. The
-robot's driver gets the twists as datagrams (number as u64, seconds and twist as 7 f64, little
+each twist with its stop. If the client is late, hangs or dies, the relay goes on along the stop.
+The robot's driver gets the twists as datagrams (number as u64, seconds and twist as 7 f64, little
 endian), or as lines of text. The relay ends by Ctrl-C, once the robot is at rest.
 
 \b
@@ -30,7 +30,8 @@ Examples:
 
 def command(
     path: Annotated[
-        str | None, option("PATH", "Socket of the client [relay.sock in the service's folder].", "--in")
+        str | None,
+        option("PATH", "Socket of the client [relay.sock in the service's folder].", "--in"),
     ] = None,
     to: Annotated[
         str | None, option("ADDRESS", "unix:PATH or udp:HOST:PORT [lines on standard output].")

@@ -145,8 +145,8 @@ def _built(
             made.replace(path)
     except OSError as error:
         raise CompilerError(
-            f"compiled {name}: the cache {str(cache)!r} cannot be written: {error.strerror or error};"
-            " give a folder with room, below XDG_CACHE_HOME or ~/.cache"
+            f"compiled {name}: the cache {str(cache)!r} cannot be written:"
+            f" {error.strerror or error}; give a folder with room, below XDG_CACHE_HOME or ~/.cache"
         ) from None
     return path
 

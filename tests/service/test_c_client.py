@@ -168,7 +168,7 @@ def test_it_gives_the_steps_of_a_stepper(
     assert puppet.init(service.socket())
     assert puppet.waits
     puppet.ask("reset")
-    posture = START.copy()
+    posture, pose, twist = START.copy(), np.eye(4), np.zeros(6)
     for number in range(30):
         more: dict[str, Any] = {}
         flags = FRAME
@@ -177,10 +177,9 @@ def test_it_gives_the_steps_of_a_stepper(
             puppet.give("observed", more["observed"])
             flags |= Flag.observed
         if number > 20:
-            pose = moved(theirs.pose, theirs.twist)
-            more |= {"pose": pose, "twist": theirs.twist, "age": 0.003}
+            more |= {"pose": pose, "twist": twist, "age": 0.003}
             puppet.give("pose", pose)
-            puppet.give("twist", theirs.twist)
+            puppet.give("twist", twist)
             puppet.ask("age", 0.003)
             flags |= Flag.pose | Flag.twist
         puppet.ask("flags", int(flags))
@@ -192,6 +191,7 @@ def test_it_gives_the_steps_of_a_stepper(
         assert (mine.status, mine.cost) == (theirs.status, theirs.cost)
         assert puppet.reason == theirs.reason
         posture = posture + 0.01 * mine.posture_rate
+        pose, twist = moved(theirs.pose, theirs.twist), theirs.twist
     np.testing.assert_array_equal(puppet.stop(), stepper.stop())
     assert not puppet.waits
     np.testing.assert_array_equal(puppet.step(what="brake").twist, stepper.brake().twist)
@@ -320,7 +320,7 @@ def quick(puppet: Puppet) -> Any:
     return step
 
 
-# ----------------------------------------------------------------------------------- servers that lie
+# ------------------------------------------------------------------------------- servers that lie
 
 
 def changed(frame: bytearray, at: int, value: bytes) -> bytes:
@@ -397,9 +397,7 @@ def test_more_than_the_capacity_is_refused_by_name(fake: Fake, puppet: Puppet) -
     assert "path" in puppet.reason
 
 
-def test_late_answers_are_dropped_and_what_was_executed_is_said(
-    fake: Fake, puppet: Puppet
-) -> None:
+def test_late_answers_are_dropped_and_what_was_executed_is_said(fake: Fake, puppet: Puppet) -> None:
     puppet.init(fake.path, timeout=2.0)
     puppet.ask("reset")
     assert puppet.step(START).fresh

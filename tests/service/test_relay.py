@@ -1,4 +1,4 @@
-"""The relay: it executes twists and their stops, whatever happens to the process that sends them."""
+"""The relay: it executes twists and their stops, whatever happens to who sends them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import signal
 import socket
 import stat
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -278,9 +279,7 @@ def test_a_loop_goes_on_and_what_is_old_does_not(relay: Relay, sender: Sender) -
     assert sender.execute(1, 0.08).accepted
     for sequence in range(2, 6):
         time.sleep(DT / 2)
-        told = sender.execute(
-            sequence, 0.08, acted=sequence - 1, base=Base.continues
-        )
+        told = sender.execute(sequence, 0.08, acted=sequence - 1, base=Base.continues)
         assert told.accepted, told.text
     time.sleep(0.5)
     # As after a pause of the client: it does not know how far the stop has gone.
@@ -380,7 +379,11 @@ EACH = slice(None)
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        *(({name: (0, bad)}, Why.numbers) for name in ("twist", "from") for bad in (np.nan, np.inf)),
+        *(
+            ({name: (0, bad)}, Why.numbers)
+            for name in ("twist", "from")
+            for bad in (np.nan, np.inf)
+        ),
         *(({"stop": (0, bad)}, Why.numbers) for bad in (np.nan, -np.inf)),
         *(({"times": (1, bad)}, Why.numbers) for bad in (np.nan, 0.1, 0.0, -1.0)),
         *(
@@ -533,11 +536,8 @@ def test_its_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.slow
 def test_the_command_becomes_the_relay_and_writes_lines(tmp_path: Path) -> None:
-    command = [os.fspath(Path(ergoqp.__file__).parent), "relay", "--in", tmp_path / "in"]
-    words = ["-m", "ergoqp", *command[1:], "--rate", "50"]
-    from sys import executable
-
-    process = subprocess.Popen([executable, *words], stdout=subprocess.PIPE, text=True)
+    words = ["-m", "ergoqp", "relay", "--in", tmp_path / "in", "--rate", "50"]
+    process = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     lines = [process.stdout.readline().split() for _ in range(10)]
     assert [int(line[0]) for line in lines] == list(range(10))
@@ -586,7 +586,7 @@ def puppet() -> Iterator[Puppet]:
 
 @pytest.fixture
 def fake(tmp_path: Path) -> Iterator[Fake]:
-    """A service that always answers 0.1, and a stop of four periods; its sessions are 77, 78, ..."""
+    """A service that answers 0.1 and a stop of four periods; its sessions are 77, 78, ..."""
     session = [76]
 
     def answer(asked: bytes) -> bytes:
@@ -688,9 +688,7 @@ def test_a_client_that_slept_goes_on_where_the_robot_is(
     relay.driver.check()
 
 
-def test_what_the_relay_refuses_is_not_acted_on(
-    relay: Relay, fake: Fake, puppet: Puppet
-) -> None:
+def test_what_the_relay_refuses_is_not_acted_on(relay: Relay, fake: Fake, puppet: Puppet) -> None:
     ready(puppet, fake.path, relay)
     puppet.ask("reset")
     drive(puppet, 2)
@@ -710,9 +708,7 @@ def test_what_the_relay_refuses_is_not_acted_on(
     assert puppet.reason.startswith("relay: acceleration, speed: axis 0 is 0, 0, allowed")
 
 
-def test_a_second_client_learns_who_is_connected(
-    relay: Relay, fake: Fake, puppet: Puppet
-) -> None:
+def test_a_second_client_learns_who_is_connected(relay: Relay, fake: Fake, puppet: Puppet) -> None:
     ready(puppet, fake.path, relay)
     puppet.ask("reset")
     drive(puppet, 1)
