@@ -528,6 +528,12 @@ def test_until_it_is_answered_a_motion_that_is_taken_over_ramps_down(
         assert REQUEST_HEAD.unpack_from(each)[8] & (Flag.takes_over | Flag.twist) == (
             Flag.takes_over | Flag.twist
         )
+    # What was measured too long ago is no ground to move on.
+    puppet.init(fake.path, dt=0.1, longest=0.2)
+    puppet.ask("take_over", *twist.tolist())
+    time.sleep(0.3)
+    assert not puppet.step(START).twist.any()
+    assert puppet.waits
     # Without declared limits it is within one period.
     puppet.init(fake.path, dt=0.1)
     puppet.ask("take_over", *twist.tolist())

@@ -531,7 +531,7 @@ def test_its_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         )
         assert done.returncode == 2
         assert said in done.stderr
-        assert done.stderr.startswith(("ergoqp relay: ", "usage: "))
+        assert done.stderr.startswith("ergoqp relay: ")
 
 
 @pytest.mark.slow

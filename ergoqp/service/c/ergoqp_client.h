@@ -311,12 +311,16 @@ static inline void ergoqp_client_priv_pass(ergoqp_client* c, double periods) {
 }
 
 /* Loses the session: from now on the service does not know what the robot does. */
-static inline void ergoqp_client_priv_forget(ergoqp_client* c) { c->session = 0, c->begin = 0; }
+static inline void ergoqp_client_priv_forget(ergoqp_client* c) {
+    c->session = 0;
+    c->begin = 0;
+}
 
 /* Notes that time has passed since the last call, in which the robot went on. */
 static inline void ergoqp_client_priv_time(ergoqp_client* c, int64_t now) {
     const double gap = c->called ? 1e-9 * (double)(now - c->called_at) : 0.0;
-    if (c->called && c->session && !c->has_relay && gap > c->longest_dt) {
+    const int is_known = c->session || c->begin == ERGOQP_CLIENT_FLAG_TAKES_OVER;
+    if (is_known && !c->has_relay && gap > c->longest_dt) {
         ergoqp_client_priv_forget(c);
         /* A robot that has a timeout slowed down meanwhile. It must not be sent the speed that it had before. */
         ergoqp_client_priv_pass(c, gap / c->dt - 1.0);
@@ -603,7 +607,9 @@ static inline void ergoqp_client_priv_begin(ergoqp_client* c, uint32_t how, cons
     c->session = c->pending = 0;
     c->followed = c->holds = 0;
     c->begin = how;
-    c->called = 0;
+    /* From here on the time of a motion counts. A robot that stands may do so for any time. */
+    c->called = twist != NULL;
+    c->called_at = ergoqp_client_priv_now();
 }
 
 /* --------------------------------------------------------------------------------------------------------------- the calls */

@@ -22,8 +22,7 @@
 #include <sys/stat.h>
 
 #define USAGE \
-    "usage: relay --in PATH [--to unix:PATH | --to udp:HOST:PORT] [--rate HZ] [--fifo PRIORITY]\n" \
-    "Executes twists and their stops; without --to it writes lines: number, seconds, six numbers.\n"
+    "usage: relay --in PATH [--to unix:PATH | --to udp:HOST:PORT] [--rate HZ] [--fifo PRIORITY]"
 #define LEAST_DT 1e-5
 #define LONGEST_DT 1.0
 #define ROUNDING 1e-6  /* a speed that exceeds its limit by this much is cut off [m/s, rad/s] */
@@ -68,13 +67,27 @@ static struct {
 
 static volatile sig_atomic_t told_to_end;
 
+/* Whether a write will not wait. */
+static int has_room(int fd) {
+    struct pollfd room;
+    room.fd = fd;
+    room.events = POLLOUT;
+    room.revents = 0;
+    return poll(&room, 1, 0) == 1;
+}
+
+/* Writes a line of the log; it is left out where nobody reads, so that the robot never waits for it. */
 static void say(const char* words, ...) {
+    char line[512] = "ergoqp relay: ";
+    const size_t start = strlen(line);
+    size_t length;
     va_list more;
     va_start(more, words);
-    fputs("ergoqp relay: ", stderr);
-    vfprintf(stderr, words, more);
-    fputc('\n', stderr);
+    vsnprintf(line + start, sizeof line - start - 1, words, more);
     va_end(more);
+    length = strlen(line);
+    line[length] = '\n';
+    if (has_room(STDERR_FILENO) && write(STDERR_FILENO, line, length + 1) < 0) return;
 }
 
 static void fail(const char* what, const char* given) {
@@ -121,16 +134,12 @@ static void send_output(double now) {
     output(now, datagram.twist);
     if (driver.is_text) {
         const double* u = datagram.twist;
-        struct pollfd room;
         char line[256];
         length = (size_t)snprintf(line, sizeof line, "%llu %.6f %.9g %.9g %.9g %.9g %.9g %.9g\n",
                                   (unsigned long long)datagram.number, now, u[0], u[1], u[2], u[3], u[4], u[5]);
-        room.fd = driver.fd;
-        room.events = POLLOUT;
-        room.revents = 0;
         /* A pipe that is full would stop the relay: the line is left out. */
         errno = EAGAIN;
-        sent = poll(&room, 1, 0) == 1 ? write(driver.fd, line, length) : -1;
+        sent = has_room(driver.fd) ? write(driver.fd, line, length) : -1;
     } else {
         sent = sendto(driver.fd, &datagram, length, MSG_DONTWAIT | MSG_NOSIGNAL, (struct sockaddr*)&driver.address, driver.length);
     }
@@ -528,17 +537,14 @@ int main(int count, char** words) {
     sigset_t while_waiting;
     for (i = 1; i < count; i += 2) {
         const char *name = words[i], *value = i + 1 < count ? words[i + 1] : NULL;
-        if (!value) {
-            fputs(USAGE, stderr);
-            return MISTAKE;
-        }
+        if (!value) fail(USAGE, "");
         if (!strcmp(name, "--in")) path = value;
         else if (!strcmp(name, "--to")) to = value;
         else if (!strcmp(name, "--rate")) rate = number_of(name, value, 1.0, 10000.0);
         else if (!strcmp(name, "--fifo")) fifo = (int)number_of(name, value, 1.0, 99.0);
-        else fail(USAGE "got ", name);
+        else fail(USAGE "; got ", name);
     }
-    if (!path) fail(USAGE "got no --in", "");
+    if (!path) fail(USAGE "; got no --in", "");
     client.fd = -1;
     while_waiting = prepare_signals();
     open_driver(to);
