@@ -23,10 +23,10 @@ from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause
 from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import QP_DATA, slack_function
+from ergoqp.step.qp import ELBOW, QP_DATA, slack_function
 from ergoqp.step.stepper import Stepper
 
-GIVES_WAY: Final = 1e-7
+GIVES_WAY: Final = 1e-9
 """Slack from which on a row gives way, in its unit per second; less is rounding of a solver."""
 
 _AFTER: Final = 2**Cause.not_solved | 2**Cause.not_certified
@@ -57,11 +57,11 @@ class Formulation:
 
     A row gives way only if braking itself would break it, or if it asks the object back from
     outside. Each such row then has an unknown ``slack of ROW``, at a price that is above every
-    multiplier. The twist of the step then equals that of the answer up to 2e-6 of a unit: hard rows
-    are cut back to their exact end.
+    multiplier. The twist that the step wants is then that of the answer, cut back to the exact end
+    of hard rows, which changes it by up to 2e-6 of its unit.
 
-    Joints at their end yield: the step solves again with their rows of S zero, up to twice. The QP
-    is that of the last solve, whose answer the step uses.
+    Joints at their end yield: the step locks them in the model and solves again, up to twice. The
+    QP is that of the last solve, whose answer the step uses.
 
     Attributes:
         H: curvature of the objective (n, n), symmetric and positive definite [points over the units
@@ -80,7 +80,7 @@ class Formulation:
         gradient: dV/dq at the posture that the step used (coordinates,) [points/rad]; 0 for joints
             that are not seen. `g` also holds comfort and smoothing.
         sensitivity: S, how the posture follows the object (coordinates, 6) [rad/m, rad/rad]; the
-            rows of joints that yield are 0. Source: `Problem.response`.
+            rows of joints that yield are 0 up to 1e-6. Source: `Problem.response`.
         dt: period for which the twist would be sent [s].
         usable: flag, whether the step would use the answer of this QP. False: an input is not
             usable, or something asks the object to brake; `reason` says what. All numbers of the
@@ -97,7 +97,7 @@ class Formulation:
         >>> qp.rows[-1], qp.units[-1], len(qp.rows) == len(qp.A)
         ('twist rz', 'rad/s', True)
         >>> ergoqp.formulate(problem, None, None).reason
-        'no frame arrived'
+        'no posture arrived'
     """
 
     H: np.ndarray
@@ -174,8 +174,8 @@ class _FormulatedStep(Stepper):
     """A stepper whose function also gives the QP that it solves."""
 
     def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
-        options = {"guided": self._guided, "spare": spare, "formulated": True}
-        return build_step(self.problem, self._solver, **options)
+        problem, solver, guided = self.problem, self._solver, self._guided
+        return build_step(problem, solver, guided=guided, spare=spare, formulated=True)
 
 
 class Formulator:
@@ -269,36 +269,43 @@ class Formulator:
 
     def _formulation(self, step: Step) -> Formulation:
         """Return what the function found."""
-        n, names = len(self.problem.coordinates), self._names
+        n, names, m = len(self.problem.coordinates), self._names, len(self._names)
         numbers = {name: step.account(name) for name in (*QP_DATA, "S", "slope")}
         usable = not int(step.account("causes")[0]) & ~_AFTER
-        if not usable:
-            numbers = {name: np.full_like(part, np.nan) for name, part in numbers.items()}
-        loose = np.flatnonzero(numbers["cap"] > 0)
+        loose = np.flatnonzero(numbers["cap"] > 0) if usable else np.arange(0)
         slack = tuple(f"slack of {names[row]}" for row in loose)
-        m, size = len(names), 6 + len(loose)
         if len(loose):
             kept = [*range(6), *(6 + loose)]
             found = self._with_slack(numbers)
             H, g = found["full_H"][np.ix_(kept, kept)], found["full_g"][kept]
             A, lb, ub = found["full_A"][:, kept], found["full_lb"][kept], found["full_ub"][kept]
         else:
-            H, g = numbers["H"].reshape(6, 6).T, numbers["g"]
+            H, g = numbers["H"].reshape(6, 6).T.copy(), numbers["g"].copy()
             A, lb, ub = numbers["A"].reshape(6, m).T, numbers["lb"], numbers["ub"]
-        bounds = np.eye(size) if usable else np.full((size, size), np.nan)
-        gave = np.flatnonzero(step.account("gave") > GIVES_WAY) if usable else ()
+        A = np.vstack([A, np.eye(len(g))])
+        lower = infinite(np.concatenate([numbers["lbA"], lb]))
+        upper = infinite(np.concatenate([numbers["ubA"], ub]))
+        gradient, S = numbers["slope"].copy(), numbers["S"].reshape(6, n).T.copy()
+        # A hard row is cut back by the part of its slack that no row needs, see `ELBOW`.
+        used, cap = step.account("gave"), numbers["cap"]
+        cut = np.where(cap > 0, used - cap + ELBOW, 0.0)
+        gave = np.flatnonzero(np.maximum(used, cut) > GIVES_WAY)
+        if not usable:
+            gave = ()
+            for part in (H, g, A, lower, upper, gradient, S):
+                part[:] = np.nan
         return Formulation(
-            H=H.copy(),
-            g=g.copy(),
-            A=np.vstack([A, bounds]),
-            lower=infinite(np.concatenate([numbers["lbA"], lb])),
-            upper=infinite(np.concatenate([numbers["ubA"], ub])),
+            H=H,
+            g=g,
+            A=A,
+            lower=lower,
+            upper=upper,
             rows=self._rows + slack,
             units=self._units + tuple(self._units[row] for row in loose),
             unknowns=AXES + slack,
             gave_way=tuple(names[row] for row in gave),
-            gradient=numbers["slope"].copy(),
-            sensitivity=numbers["S"].reshape(6, n).T.copy(),
+            gradient=gradient,
+            sensitivity=S,
             dt=float(step._seen[1]),
             usable=usable,
             step=step,
