@@ -49,9 +49,10 @@ class Formulation:
 
     1. If the status is ``settled``, the object rests: the step plans the braking twist instead.
     2. The step certifies the whole stop after the twist. If that would leave a limit, the twist is
-       shortened toward the braking twist. ``Step.residuals["accepted"]`` is the share that is left,
-       1 for the whole twist. Where the state has to stay on a surface (`forearm`), the twist is
-       also led onto it. The result is the planned twist.
+       shortened toward the braking twist. ``Step.residuals["accepted"]`` is the share that is left:
+       1 for the whole twist, 0 for the braking twist (status ``braking``). Where the state has to
+       stay on a surface (`forearm`), the twist is also led onto it. The result is the planned
+       twist.
     3. The step sends the mean of the planned twists of the last `Control.average` seconds. With
        ``average = 0``, `Step.twist` is the planned twist.
 
@@ -82,9 +83,10 @@ class Formulation:
         sensitivity: S, how the posture follows the object (coordinates, 6) [rad/m, rad/rad]; the
             rows of joints that yield are 0 up to 1e-6. Source: `Problem.response`.
         dt: period for which the twist would be sent [s].
-        usable: flag, whether the step would use the answer of this QP. False: an input is not
-            usable, or something asks the object to brake; `reason` says what. All numbers of the
-            QP, gradient and sensitivity are then NaN, so that no solver takes them for a QP.
+        usable: flag, whether there is a QP to solve. False: an input or a term is not usable, or
+            something asks the object to brake; `reason` says what. All numbers of the QP, gradient
+            and sensitivity are then NaN, so that no solver takes them for a QP. It is True if the
+            QP has no answer, or none that is certified: the status is then ``braking``.
         step: what a `Stepper` answers to the same state and inputs. Its twist is certified, and is
             the one to send where this QP is not usable.
 

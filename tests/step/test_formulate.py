@@ -21,6 +21,7 @@ from step_samples import (
     near_comfort,
     plain_of,
     problem_of,
+    small,
 )
 
 import ergoqp
@@ -28,6 +29,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions import Evaluator
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES
+from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.solvers import solver_named
 from ergoqp.step.formulate import Formulation, Formulator
 from ergoqp.step.function import FORMULATED, OUTPUTS, build_step
@@ -37,7 +39,7 @@ from ergoqp.step.stepper import Stepper
 
 pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
 
-from benchmarks.formulate import CASES, Solved, answer, apart, loop_of, same
+from benchmarks.formulate import CASES, Solved, WatchedStepper, answer, apart, loop_of, same
 
 EXACT = 1e-9
 
@@ -277,6 +279,34 @@ def test_joints_that_yield_do_not_follow() -> None:
             found = True
             assert np.abs(qp.sensitivity[INDEX[joint]]).max() < 1e-6
     assert found
+
+
+def test_a_problem_without_rows_has_the_bounds_of_the_twist() -> None:
+    problem = problem_of("screwing")
+    free = problem.replace(limits=[problem.twist_limit])
+    qp = Formulator(free)(None, awkward("screwing"), held_pose("screwing"))
+    assert qp.rows == tuple(f"twist {axis}" for axis in AXES)
+    assert (qp.A.tolist(), qp.margins, qp.status) == (np.eye(6).tolist(), {}, "optimal")
+
+
+@pytest.mark.slow
+def test_a_step_that_no_twist_is_certified_for_still_has_its_qp() -> None:
+    robot = DeclaredRobot(lag=0.1, delay=0.02, pose_noise=0.001, pose_noise_deg=0.2)
+    stepper = WatchedStepper(small("dentist", robot, None))
+    loop, rng = Held(stepper, held_pose("dentist")), np.random.default_rng(0)
+    for _ in range(5):
+        posture = near_comfort("dentist", rng, 25)
+        for _ in range(60):
+            loop.step(posture)
+    kept = check(stepper.solved)
+    braking = [each.qp for each in stepper.solved if each.qp.status == "braking"]
+    assert braking
+    assert len(kept) > 100
+    for qp in braking:
+        assert qp.usable
+        assert "keeps every limit" in qp.reason
+        assert np.isfinite(qp.H).all()
+        assert qp.step.residuals["accepted"] == 0
 
 
 UNUSABLE: dict[str, tuple[dict[str, Any], str]] = {
