@@ -63,7 +63,8 @@ int main(int count, char** words) {
     static ergoqp_client_input in;
     static ergoqp_client_output out;
     if (count < 2 || !ergoqp_client_init(&client, words[1], nullptr, joints, dt)) {
-        std::fprintf(stderr, "usage: service_loop SOCKET [SECONDS]; %s\n", count < 2 ? "" : ergoqp_client_reason(&client));
+        std::fprintf(stderr, "usage: service_loop SOCKET [SECONDS]; %s\n",
+                     count < 2 ? "" : ergoqp_client_reason(&client));
         return 2;
     }
     const int periods = static_cast<int>((count > 2 ? std::atof(words[2]) : 5.0) / dt);
@@ -90,7 +91,8 @@ int main(int count, char** words) {
         }
         if (period % 50 == 0) {
             std::printf("%5.2f s  %-9s %5.1f mm/s  cost %.2f  %s\n", period * dt, ergoqp_client_status_name(out.status),
-                        1000 * std::sqrt(out.twist[0] * out.twist[0] + out.twist[1] * out.twist[1] + out.twist[2] * out.twist[2]),
+                        1000 * std::sqrt(out.twist[0] * out.twist[0] + out.twist[1] * out.twist[1] +
+                                         out.twist[2] * out.twist[2]),
                         out.cost, ergoqp_client_reason(&client));
             std::fflush(stdout);
         }

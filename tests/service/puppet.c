@@ -59,8 +59,8 @@ int main(void) {
             numbers(in.twist, 6);
         } else if (!strcmp(word, "step") || !strcmp(word, "brake")) {
             int fresh = *word == 's' ? ergoqp_client_step(&client, &in, &out) : ergoqp_client_brake(&client, &out);
-            printf("%d %s %u %u %u", fresh, ergoqp_client_status_name(out.status), (unsigned)out.causes, (unsigned)out.marks,
-                   (unsigned)out.rows);
+            printf("%d %s %u %u %u", fresh, ergoqp_client_status_name(out.status), (unsigned)out.causes,
+                   (unsigned)out.marks, (unsigned)out.rows);
             print(out.twist, 6);
             print(&out.cost, 1);
             print(out.posture_rate, client.coordinates);

@@ -384,11 +384,15 @@ def test_an_answer_that_is_none_moves_nothing(
 
 
 def test_more_than_the_capacity_is_refused_by_name(fake: Fake, puppet: Puppet) -> None:
-    fake.answer = lambda asked: bytes(step_answer(asked, rows=129))
     puppet.init(fake.path)
     puppet.ask("reset")
-    # It is longer than any answer that this client can take.
+    # There is room for 64 coordinates, and so for more rows than 128 with 32.
+    fake.answer = lambda asked: bytes(step_answer(asked, rows=129))
     assert not puppet.step(START).fresh
+    assert "of more rows than ERGOQP_CLIENT_MOST_ROWS" in puppet.reason
+    fake.answer = lambda asked: bytes(step_answer(asked, rows=200))
+    assert not puppet.step(START).fresh
+    assert "compile it with a larger ERGOQP_CLIENT_MOST_ROWS" in puppet.reason
     assert not puppet.init(fake.path, coordinates=65)
     assert "ERGOQP_CLIENT_MOST_COORDINATES" in puppet.reason
     assert not puppet.init(fake.path, dt=0.0)

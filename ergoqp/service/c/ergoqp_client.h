@@ -1,8 +1,8 @@
 /* A client of `ergoqp serve` for robots' programs: one header, C99 or C++11 and later, POSIX.
  *
- * Nothing is allocated, nothing is thrown, and no call waits for longer than its timeout. Every answer of the service comes
- * with the stop that was certified with it. If the next answer is late, or the service ends, hangs or is started anew,
- * `ergoqp_client_step` gives the next twist of that stop, and the service is told later what the robot executed.
+ * Nothing is allocated, nothing is thrown, and no call waits for longer than its timeout. Every answer of the service
+ * comes with the stop that was certified with it. If the next answer is late, or the service ends, hangs or is started
+ * anew, `ergoqp_client_step` gives the next twist of that stop, and the service is told later what the robot executed.
  *
  *     ergoqp_client client;
  *     ergoqp_client_input in;
@@ -16,11 +16,11 @@
  *         send_to_robot(out.twist);
  *     }
  *
- * The service never assumes that a robot stands, and neither does this client. So begin with `ergoqp_client_reset`, and call
- * it again once the robot stands if `ergoqp_client_waits` is true.
+ * The service never assumes that a robot stands, and neither does this client. So begin with `ergoqp_client_reset`, and
+ * call it again once the robot stands if `ergoqp_client_waits` is true.
  *
- * A client belongs to one thread. If this program hangs, nobody follows the stop: let `ergoqp relay` do that, beside the
- * robot, and give its path.
+ * A client belongs to one thread. If this program hangs, nobody follows the stop: let `ergoqp relay` do that, beside
+ * the robot, and give its path.
  */
 #ifndef ERGOQP_CLIENT_H
 #define ERGOQP_CLIENT_H
@@ -65,7 +65,8 @@
 #endif
 
 #define ERGOQP_CLIENT_LONGEST_REQUEST ERGOQP_CLIENT_REQUEST_LENGTH(ERGOQP_CLIENT_MOST_COORDINATES, 0)
-#define ERGOQP_CLIENT_LONGEST_ANSWER ERGOQP_CLIENT_ANSWER_LENGTH(ERGOQP_CLIENT_MOST_COORDINATES, ERGOQP_CLIENT_MOST_ROWS)
+#define ERGOQP_CLIENT_LONGEST_ANSWER \
+    ERGOQP_CLIENT_ANSWER_LENGTH(ERGOQP_CLIENT_MOST_COORDINATES, ERGOQP_CLIENT_MOST_ROWS)
 #define ERGOQP_CLIENT_LONGEST_TEXT (ERGOQP_CLIENT_TEXT + 160)
 
 ERGOQP_CLIENT_ASSERT(sizeof(double) == 8, doubles_of_eight_bytes);
@@ -88,18 +89,18 @@ typedef struct {
 
 /* What comes out. If it is not fresh, all but `twist`, `status` and `posture_rate` is that of the last fresh answer. */
 typedef struct {
-    double twist[6];    /* send this [m/s, rad/s] */
-    int fresh;          /* 1: the service answered in time */
-    uint32_t status;    /* ERGOQP_CLIENT_STATUS_...; braking if it is not fresh */
-    uint32_t causes;    /* bit 1u << ERGOQP_CLIENT_CAUSE_...: what was not used, and why */
-    uint32_t reason;    /* number of the reason, 0: none; in words: ergoqp_client_reason */
-    uint32_t marks;     /* ERGOQP_CLIENT_MARK_... */
-    uint32_t engine;    /* ERGOQP_CLIENT_ENGINE_... */
-    uint32_t drawn;     /* phase of the guide; 0: none */
-    uint32_t rows;      /* entries of margins and slack */
-    double computed;    /* time that the step took in the service [s] */
-    double cost, gain;  /* V of the posture; predicted improvement within one second at full speed [points] */
-    double pose[16];    /* contact frame that the step used, row-major 4 x 4 [m] */
+    double twist[6];   /* send this [m/s, rad/s] */
+    int fresh;         /* 1: the service answered in time */
+    uint32_t status;   /* ERGOQP_CLIENT_STATUS_...; braking if it is not fresh */
+    uint32_t causes;   /* bit 1u << ERGOQP_CLIENT_CAUSE_...: what was not used, and why */
+    uint32_t reason;   /* number of the reason, 0: none; in words: ergoqp_client_reason */
+    uint32_t marks;    /* ERGOQP_CLIENT_MARK_... */
+    uint32_t engine;   /* ERGOQP_CLIENT_ENGINE_... */
+    uint32_t drawn;    /* phase of the guide; 0: none */
+    uint32_t rows;     /* entries of margins and slack */
+    double computed;   /* time that the step took in the service [s] */
+    double cost, gain; /* V of the posture; predicted improvement within one second at full speed [points] */
+    double pose[16];   /* contact frame that the step used, row-major 4 x 4 [m] */
     double posture_rate[ERGOQP_CLIENT_MOST_COORDINATES]; /* how the model person follows [rad/s]; 0 if not fresh */
     double margins[ERGOQP_CLIENT_MOST_ROWS];             /* distance of each row to its nearer end, in its unit */
     double slack[ERGOQP_CLIENT_MOST_ROWS];               /* violation of each row in the QP, in its unit per second */
@@ -120,13 +121,13 @@ typedef struct {
 
 typedef struct {
     /* Yours to change after ergoqp_client_init. */
-    double timeout;       /* how long a call may wait [s]; half a period */
-    double longest_dt;    /* longest time between two calls [s]: 3 periods, or the declared longest_hold if that is more */
-    int explain;          /* 1: the service writes reasons in full */
+    double timeout;    /* how long a call may wait [s]; half a period */
+    double longest_dt; /* longest time between two calls [s]: 3 periods, or the declared longest_hold if that is more */
+    int explain;       /* 1: the service writes reasons in full */
     double speed[6], acceleration[6]; /* the relay's limits: those of the problem, see ergoqp_client_limits */
 
     /* Yours to read. */
-    uint64_t late, lost, refused; /* answers that did not come in time; connections; answers that were not usable */
+    uint64_t late, lost, refused;  /* answers that did not come in time; connections; answers that were not usable */
     int relay_known, relay_stands; /* whether the relay has answered this call, and whether its output is zero */
     double relay_twist[6];         /* output of the relay when it was asked last [m/s, rad/s] */
 
@@ -146,7 +147,7 @@ typedef struct {
     char why[ERGOQP_CLIENT_LONGEST_TEXT];
 } ergoqp_client;
 
-/* ------------------------------------------------------------------------------------------------ parts of the calls below */
+/* ---------------------------------------- parts of the calls below */
 
 #define ERGOQP_CLIENT_REPORT "call ergoqp_client_reset once the robot stands, or ergoqp_client_take_over"
 
@@ -199,10 +200,18 @@ static inline int ergoqp_client_priv_send(ergoqp_client_link* link, const void* 
     return 1;
 }
 
-enum { ERGOQP_CLIENT_PRIV_NOT_YET, ERGOQP_CLIENT_PRIV_WHOLE, ERGOQP_CLIENT_PRIV_LOST, ERGOQP_CLIENT_PRIV_GARBAGE };
+enum {
+    ERGOQP_CLIENT_PRIV_NOT_YET,
+    ERGOQP_CLIENT_PRIV_WHOLE,
+    ERGOQP_CLIENT_PRIV_LOST,
+    ERGOQP_CLIENT_PRIV_GARBAGE,
+    ERGOQP_CLIENT_PRIV_VERSION,
+    ERGOQP_CLIENT_PRIV_TOO_LONG
+};
 
 /* Receives the rest of one frame until a time [ns]. All frames begin with length and version. */
-static inline int ergoqp_client_priv_receive(ergoqp_client_link* link, void* into, size_t capacity, unsigned version, int64_t until) {
+static inline int ergoqp_client_priv_receive(ergoqp_client_link* link, void* into, size_t capacity, unsigned version,
+                                             int64_t until) {
     char* bytes = (char*)into;
     for (;;) {
         ssize_t count;
@@ -212,7 +221,10 @@ static inline int ergoqp_client_priv_receive(ergoqp_client_link* link, void* int
             memcpy(&length, bytes, sizeof length);
             memcpy(&spoken, bytes + 4, sizeof spoken);
             /* One question is outstanding, so nothing follows its answer. */
-            if (length < 16 || length > capacity || link->got > length || spoken != version) return ERGOQP_CLIENT_PRIV_GARBAGE;
+            if (length < 16 || length > ERGOQP_CLIENT_LONGEST_FRAME) return ERGOQP_CLIENT_PRIV_GARBAGE;
+            if (spoken != version) return ERGOQP_CLIENT_PRIV_VERSION;
+            if (length > capacity) return ERGOQP_CLIENT_PRIV_TOO_LONG;
+            if (link->got > length) return ERGOQP_CLIENT_PRIV_GARBAGE;
             if (link->got == length) return ERGOQP_CLIENT_PRIV_WHOLE;
         }
         count = recv(link->fd, bytes + link->got, capacity - link->got, MSG_DONTWAIT);
@@ -235,22 +247,29 @@ static inline int ergoqp_client_priv_receive(ergoqp_client_link* link, void* int
     }
 }
 
-/* Counts and says what was received; returns whether it is an answer. A connection that does not work any more is ended. */
+/* Counts and says what was received; returns whether it is an answer. A connection that does not work any more is
+ * ended. */
 static inline int ergoqp_client_priv_found(ergoqp_client* c, ergoqp_client_link* link, const char* who, int found) {
-    const int garbage = found == ERGOQP_CLIENT_PRIV_GARBAGE;
+    static const char* const words[] = {
+        "no answer in time",
+        "",
+        "the connection was lost",
+        "an answer that is none",
+        "an answer of another version",
+        "a longer answer than this client takes; compile it with a larger ERGOQP_CLIENT_MOST_ROWS or _COORDINATES",
+    };
     if (found == ERGOQP_CLIENT_PRIV_WHOLE) {
         link->outstanding = 0;
         link->got = 0;
         return 1;
     }
+    ergoqp_client_priv_say(c, who, words[found], "");
     if (found == ERGOQP_CLIENT_PRIV_NOT_YET) {
         c->late += 1;
-        ergoqp_client_priv_say(c, who, "no answer in time", "");
         return 0;
     }
     c->lost += 1;
-    c->refused += garbage ? 1u : 0u;
-    ergoqp_client_priv_say(c, who, garbage ? "an answer that is none, or of another version" : "the connection was lost", "");
+    c->refused += found == ERGOQP_CLIENT_PRIV_LOST ? 0u : 1u;
     ergoqp_client_priv_disconnect(link);
     return 0;
 }
@@ -260,7 +279,8 @@ static inline int ergoqp_client_priv_answer(ergoqp_client* c, int64_t until) {
     int found = ergoqp_client_priv_receive(&c->service, c->answer, sizeof c->answer, ERGOQP_CLIENT_VERSION, until);
     ergoqp_client_answer_head head;
     memcpy(&head, c->answer, offsetof(ergoqp_client_answer_head, engine));
-    if (found == ERGOQP_CLIENT_PRIV_WHOLE && head.sequence != c->service.outstanding) found = ERGOQP_CLIENT_PRIV_GARBAGE;
+    if (found == ERGOQP_CLIENT_PRIV_WHOLE && head.sequence != c->service.outstanding)
+        found = ERGOQP_CLIENT_PRIV_GARBAGE;
     return ergoqp_client_priv_found(c, &c->service, "service: ", found);
 }
 
@@ -421,7 +441,8 @@ static inline int ergoqp_client_priv_usable(ergoqp_client* c) {
 }
 
 /* Sends a request and receives its answer; returns whether that is a step which can be executed. */
-static inline int ergoqp_client_priv_exchange(ergoqp_client* c, const ergoqp_client_input* in, uint32_t bits, int64_t until) {
+static inline int ergoqp_client_priv_exchange(ergoqp_client* c, const ergoqp_client_input* in, uint32_t bits,
+                                              int64_t until) {
     ergoqp_client_request_head head;
     const uint32_t n = c->coordinates, length = ERGOQP_CLIENT_REQUEST_LENGTH(n, 0);
     if (!ergoqp_client_priv_connect(&c->service, c->path)) {
@@ -612,11 +633,12 @@ static inline void ergoqp_client_priv_begin(ergoqp_client* c, uint32_t how, cons
     c->called_at = ergoqp_client_priv_now();
 }
 
-/* --------------------------------------------------------------------------------------------------------------- the calls */
+/* ---------------------------------------- the calls */
 
-/* Prepares a client; nothing is sent yet. `path` is the socket of the loop, `relay` that of the relay or NULL, `dt` the period
- * of your loop [s]. Returns 1, or 0 if an argument cannot be used: ergoqp_client_reason says which. */
-static inline int ergoqp_client_init(ergoqp_client* c, const char* path, const char* relay, unsigned coordinates, double dt) {
+/* Prepares a client; nothing is sent yet. `path` is the socket of the loop, `relay` that of the relay or NULL, `dt` the
+ * period of your loop [s]. Returns 1, or 0 if an argument cannot be used: ergoqp_client_reason says which. */
+static inline int ergoqp_client_init(ergoqp_client* c, const char* path, const char* relay, unsigned coordinates,
+                                     double dt) {
     memset(c, 0, sizeof *c);
     c->service.fd = c->relay.fd = -1;
     c->dt = dt;
@@ -641,8 +663,8 @@ static inline int ergoqp_client_init(ergoqp_client* c, const char* path, const c
     return 0;
 }
 
-/* Sets the limits that the relay holds: those of the problem [m/s, rad/s; m/s^2, rad/s^2]. A relay needs them. They also
- * give the ramp after ergoqp_client_take_over while the service does not answer. */
+/* Sets the limits that the relay holds: those of the problem [m/s, rad/s; m/s^2, rad/s^2]. A relay needs them. They
+ * also give the ramp after ergoqp_client_take_over while the service does not answer. */
 static inline void ergoqp_client_limits(ergoqp_client* c, const double speed[6], const double acceleration[6]) {
     memcpy(c->speed, speed, sizeof c->speed);
     memcpy(c->acceleration, acceleration, sizeof c->acceleration);
@@ -657,8 +679,8 @@ static inline void ergoqp_client_defaults(ergoqp_client_input* in) {
     for (i = 0; i < 16; i += 5) in->pose[i] = 1.0;
 }
 
-/* The next twist, once per period. Returns 1 if it is fresh. 0: it is the next one of the stop that came with the last answer,
- * and ergoqp_client_reason says why. `out` is always filled. */
+/* The next twist, once per period. Returns 1 if it is fresh. 0: it is the next one of the stop that came with the last
+ * answer, and ergoqp_client_reason says why. `out` is always filled. */
 static inline int ergoqp_client_step(ergoqp_client* c, const ergoqp_client_input* in, ergoqp_client_output* out) {
     const unsigned known = ERGOQP_CLIENT_FLAG_FRAME | ERGOQP_CLIENT_FLAG_POSE | ERGOQP_CLIENT_FLAG_TWIST |
                            ERGOQP_CLIENT_FLAG_OBSERVED | ERGOQP_CLIENT_FLAG_ENABLE;
@@ -677,8 +699,9 @@ static inline void ergoqp_client_reset(ergoqp_client* c) {
     ergoqp_client_priv_begin(c, ERGOQP_CLIENT_FLAG_STANDS, NULL, 0.0);
 }
 
-/* Reports that the robot moves with a measured twist, and begins anew from there. Returns 0 if it is not finite. Until the
- * service answers, the twists ramp down to zero within the limits that ergoqp_client_limits set, or within one period. */
+/* Reports that the robot moves with a measured twist, and begins anew from there. Returns 0 if it is not finite. Until
+ * the service answers, the twists ramp down to zero within the limits that ergoqp_client_limits set, or within one
+ * period. */
 static inline int ergoqp_client_take_over(ergoqp_client* c, const double twist[6]) {
     double seconds = c->dt;
     int i;
@@ -697,8 +720,8 @@ static inline void ergoqp_client_hold(ergoqp_client* c) { c->holds = ERGOQP_CLIE
 /* Allows motion again after ergoqp_client_hold, after a fault of the robot, and after wrong frames. */
 static inline void ergoqp_client_try_again(ergoqp_client* c) { c->holds = ERGOQP_CLIENT_FLAG_TRY_AGAIN; }
 
-/* Has the object drawn to a place, row-major 4 x 4 [m], or to none (NULL), if the loop was started with a guide. `promise` is
- * the expected cost there [points]; -1e9: unknown. */
+/* Has the object drawn to a place, row-major 4 x 4 [m], or to none (NULL), if the loop was started with a guide.
+ * `promise` is the expected cost there [points]; -1e9: unknown. */
 static inline void ergoqp_client_guide(ergoqp_client* c, const double pose[16], double promise) {
     c->place = pose ? ERGOQP_CLIENT_FLAG_GUIDE : ERGOQP_CLIENT_FLAG_NO_GUIDE;
     if (pose) memcpy(c->guide, pose, sizeof c->guide);
@@ -724,9 +747,9 @@ static inline size_t ergoqp_client_stop(const ergoqp_client* c, double (*twists)
     return count;
 }
 
-/* The twist for a robot that is faster than the loop, at a time since the last step was called [s]: a straight line from where
- * the robot was then to the twist of that step within one period, then on along its stop. The robot is so one period later than
- * a robot that holds each twist: add `dt` to `delay` of the problem's [robot]. */
+/* The twist for a robot that is faster than the loop, at a time since the last step was called [s]: a straight line
+ * from where the robot was then to the twist of that step within one period, then on along its stop. The robot is so
+ * one period later than a robot that holds each twist: add `dt` to `delay` of the problem's [robot]. */
 static inline void ergoqp_client_twist_at(const ergoqp_client* c, double seconds, double twist[6]) {
     int i;
     if (seconds >= c->dt) {

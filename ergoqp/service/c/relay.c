@@ -1,8 +1,8 @@
-/* ergoqp relay: executes twists and their stops beside the robot, also when the client that sends them is late, hangs or dies.
+/* ergoqp relay: executes twists and their stops beside the robot, also when who sends them is late, hangs or dies.
  *
- * The output is piecewise linear: from the present output to the twist within one period, or longer where the acceleration
- * limit needs it, then along the knots of the stop, then zero until the next frame is accepted. It is sent at a fixed rate.
- * Nothing is allocated once it runs. Build it by hand:
+ * The output is piecewise linear: from the present output to the twist within one period, or longer where the
+ * acceleration limit needs it, then along the knots of the stop, then zero until the next frame is accepted. It is sent
+ * at a fixed rate. Nothing is allocated once it runs. Build it by hand:
  *
  *     ergoqp serve --header > ergoqp_client.h
  *     ergoqp relay --source > relay.c
@@ -21,12 +21,11 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 
-#define USAGE \
-    "usage: relay --in PATH [--to unix:PATH | --to udp:HOST:PORT] [--rate HZ] [--fifo PRIORITY]"
+#define USAGE "usage: relay --in PATH [--to unix:PATH | --to udp:HOST:PORT] [--rate HZ] [--fifo PRIORITY]"
 #define LEAST_DT 1e-5
 #define LONGEST_DT 1.0
-#define ROUNDING 1e-6  /* a speed that exceeds its limit by this much is cut off [m/s, rad/s] */
-#define STRETCH 1.001  /* a part of a stop that would have to last longer by this factor is refused */
+#define ROUNDING 1e-6 /* a speed that exceeds its limit by this much is cut off [m/s, rad/s] */
+#define STRETCH 1.001 /* a part of a stop that would have to last longer by this factor is refused */
 #define MISTAKE 2
 
 typedef ergoqp_client_relay_execute Frame;
@@ -102,7 +101,7 @@ static double seconds_now(void) {
     return 1e-9 * (double)(now - start);
 }
 
-/* ------------------------------------------------------------------------------------------------------------- the output */
+/* ---------------------------------------- the output */
 
 static void output(double now, double twist[6]) {
     const double passed = now - executed.begin;
@@ -141,16 +140,18 @@ static void send_output(double now) {
         errno = EAGAIN;
         sent = has_room(driver.fd) ? write(driver.fd, line, length) : -1;
     } else {
-        sent = sendto(driver.fd, &datagram, length, MSG_DONTWAIT | MSG_NOSIGNAL, (struct sockaddr*)&driver.address, driver.length);
+        sent = sendto(driver.fd, &datagram, length, MSG_DONTWAIT | MSG_NOSIGNAL, (struct sockaddr*)&driver.address,
+                      driver.length);
     }
     if ((sent == (ssize_t)length) != driver.delivered) {
         driver.delivered = !driver.delivered;
-        say(driver.delivered ? "the robot's driver takes the twists" : "the robot's driver does not take the twists: %s",
+        say(driver.delivered ? "the robot's driver takes the twists"
+                             : "the robot's driver does not take the twists: %s",
             strerror(errno));
     }
 }
 
-/* ------------------------------------------------------------------------------------------------------------- the frames */
+/* ---------------------------------------- the frames */
 
 static double largest(const double* numbers, const double* limits) {
     double found = 0.0;
@@ -183,8 +184,10 @@ static int is_sound(const Frame* frame, Told* told) {
     double before = 0.0;
     uint32_t k;
     int i;
-    if (!(frame->dt >= LEAST_DT && frame->dt <= LONGEST_DT)) return refuse(told, why, "dt: it is out of range, allowed 1e-5 to 1 s");
-    if (!frame->session || !frame->sequence) return refuse(told, why, "session, sequence: got 0, allowed those of an answer");
+    if (!(frame->dt >= LEAST_DT && frame->dt <= LONGEST_DT))
+        return refuse(told, why, "dt: it is out of range, allowed 1e-5 to 1 s");
+    if (!frame->session || !frame->sequence)
+        return refuse(told, why, "session, sequence: got 0, allowed those of an answer");
     if (frame->base < ERGOQP_CLIENT_RELAY_BASE_CONTINUES || frame->base > ERGOQP_CLIENT_RELAY_BASE_MOTION) {
         return refuse(told, why, "base: got %u, allowed 1 to 3", (unsigned)frame->base);
     }
@@ -198,11 +201,13 @@ static int is_sound(const Frame* frame, Told* told) {
         }
     }
     if (!ergoqp_client_priv_finite(frame->twist, 6) || !ergoqp_client_priv_finite(frame->from, 6) ||
-        !ergoqp_client_priv_finite(frame->times, frame->knots) || !ergoqp_client_priv_finite(frame->stop, 6 * frame->knots)) {
+        !ergoqp_client_priv_finite(frame->times, frame->knots) ||
+        !ergoqp_client_priv_finite(frame->stop, 6 * frame->knots)) {
         return refuse(told, why, "twist, from or stop: a number is not finite");
     }
     for (k = 0; k < frame->knots; ++k) {
-        if (!(frame->times[k] > before)) return refuse(told, why, "times: knot %u is not later than the one before", (unsigned)k);
+        if (!(frame->times[k] > before))
+            return refuse(told, why, "times: knot %u is not later than the one before", (unsigned)k);
         before = frame->times[k];
     }
     last = frame->stop + 6 * (frame->knots - 1);
@@ -230,12 +235,13 @@ static int keeps_limits(Frame* frame, Told* told) {
         double* twist = frame->stop + 6 * k;
         const double lasts = frame->times[k] - before;
         double needed;
-        if (largest(twist, allowed) > 1) return refuse(told, why, "stop: knot %u is faster than the speed limits", (unsigned)k);
+        if (largest(twist, allowed) > 1)
+            return refuse(told, why, "stop: knot %u is faster than the speed limits", (unsigned)k);
         cut_off(twist, frame->speed);
         needed = largest_change(old, twist, frame->acceleration);
         if (needed > lasts * STRETCH + 1e-9) {
-            return refuse(told, why, "stop: knot %u needs %.3f s within the acceleration limits, and has %.3f s", (unsigned)k, needed,
-                          lasts);
+            return refuse(told, why, "stop: knot %u needs %.3f s within the acceleration limits, and has %.3f s",
+                          (unsigned)k, needed, lasts);
         }
         before = frame->times[k];
         shift += fmax(0.0, needed - lasts);
@@ -253,7 +259,9 @@ static int continues(const Frame* frame, double now, Told* told) {
                       (unsigned long long)frame->sequence, (unsigned long long)executed.sequence);
     }
     if (frame->base == ERGOQP_CLIENT_RELAY_BASE_REST) {
-        if (!stands(now)) return refuse(told, ERGOQP_CLIENT_RELAY_WHY_MOVES, "it begins at rest, and the robot is still sent a motion");
+        if (!stands(now))
+            return refuse(told, ERGOQP_CLIENT_RELAY_WHY_MOVES,
+                          "it begins at rest, and the robot is still sent a motion");
     } else if (frame->base == ERGOQP_CLIENT_RELAY_BASE_MOTION) {
         double near[6], moves[6];
         int i;
@@ -263,7 +271,8 @@ static int continues(const Frame* frame, double now, Told* told) {
             return refuse(told, ERGOQP_CLIENT_RELAY_WHY_MOTION, "it takes over another motion than the robot is sent");
         }
     } else if (frame->session != executed.session || frame->acted != executed.sequence) {
-        return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE, "acted: got answer %llu, and answer %llu of %s session is executed",
+        return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE,
+                      "acted: got answer %llu, and answer %llu of %s session is executed",
                       (unsigned long long)frame->acted, (unsigned long long)executed.sequence,
                       frame->session == executed.session ? "this" : "another");
     } else if (here > frame->followed + 1u || here + 1u < frame->followed) {
@@ -333,7 +342,7 @@ static int send_answer(int fd, Told* told) {
     return send(fd, told, sizeof *told, MSG_DONTWAIT | MSG_NOSIGNAL) == (ssize_t)sizeof *told;
 }
 
-/* ------------------------------------------------------------------------------------------------------------- the client */
+/* ---------------------------------------- the client */
 
 static void end_client(const char* why) {
     close(client.fd);
@@ -345,7 +354,8 @@ static void end_client(const char* why) {
 static void serve_client(void) {
     Told told;
     const size_t head = offsetof(Frame, session);
-    const ssize_t count = recv(client.fd, (char*)&client.frame + client.got, sizeof client.frame - client.got, MSG_DONTWAIT);
+    const ssize_t count =
+        recv(client.fd, (char*)&client.frame + client.got, sizeof client.frame - client.got, MSG_DONTWAIT);
     size_t whole;
     if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)) return;
     if (count <= 0) {
@@ -359,7 +369,8 @@ static void serve_client(void) {
     if (client.frame.version != ERGOQP_CLIENT_RELAY_VERSION) {
         refuse(&told, ERGOQP_CLIENT_RELAY_WHY_FRAME, "version: got %u, allowed %u", (unsigned)client.frame.version,
                ERGOQP_CLIENT_RELAY_VERSION);
-    } else if (client.frame.kind != ERGOQP_CLIENT_RELAY_ASK_EXECUTE && client.frame.kind != ERGOQP_CLIENT_RELAY_ASK_STATUS) {
+    } else if (client.frame.kind != ERGOQP_CLIENT_RELAY_ASK_EXECUTE &&
+               client.frame.kind != ERGOQP_CLIENT_RELAY_ASK_STATUS) {
         refuse(&told, ERGOQP_CLIENT_RELAY_WHY_FRAME, "kind: got %u, allowed 1 or 2", (unsigned)client.frame.kind);
     } else if (client.frame.length != whole || client.got > whole) {
         refuse(&told, ERGOQP_CLIENT_RELAY_WHY_FRAME, "frame: got %u bytes, allowed %u, and one frame at a time",
@@ -399,7 +410,7 @@ static void accept_client(int listener) {
     }
 }
 
-/* -------------------------------------------------------------------------------------------------------------- the set-up */
+/* ---------------------------------------- the set-up */
 
 static void unix_address(struct sockaddr_un* address, const char* path) {
     memset(address, 0, sizeof *address);
@@ -538,11 +549,16 @@ int main(int count, char** words) {
     for (i = 1; i < count; i += 2) {
         const char *name = words[i], *value = i + 1 < count ? words[i + 1] : NULL;
         if (!value) fail(USAGE, "");
-        if (!strcmp(name, "--in")) path = value;
-        else if (!strcmp(name, "--to")) to = value;
-        else if (!strcmp(name, "--rate")) rate = number_of(name, value, 1.0, 10000.0);
-        else if (!strcmp(name, "--fifo")) fifo = (int)number_of(name, value, 1.0, 99.0);
-        else fail(USAGE "; got ", name);
+        if (!strcmp(name, "--in"))
+            path = value;
+        else if (!strcmp(name, "--to"))
+            to = value;
+        else if (!strcmp(name, "--rate"))
+            rate = number_of(name, value, 1.0, 10000.0);
+        else if (!strcmp(name, "--fifo"))
+            fifo = (int)number_of(name, value, 1.0, 99.0);
+        else
+            fail(USAGE "; got ", name);
     }
     if (!path) fail(USAGE "; got no --in", "");
     client.fd = -1;
