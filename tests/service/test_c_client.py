@@ -515,7 +515,7 @@ def test_until_it_is_answered_a_motion_that_is_taken_over_ramps_down(
     fake: Fake, puppet: Puppet
 ) -> None:
     fake.answer = lambda asked: None
-    twist = np.array([0.1, 0, 0, 0, -0.2, 0])
+    twist = np.array([-0.1, 0, 0, 0, 0.2, 0])
     puppet.init(fake.path, dt=0.1)
     puppet.give("limits", [1.0] * 6 + [0.25] * 3 + [1.0] * 3)
     puppet.ask("take_over", *twist.tolist())
