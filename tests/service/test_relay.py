@@ -585,6 +585,27 @@ def test_a_driver_that_is_not_there_is_said_once(tmp_path: Path) -> None:
     relay.process.wait()
 
 
+def test_whatever_comes_the_limits_hold(relay: Relay, sender: Sender) -> None:
+    rng = np.random.default_rng(5)
+    accepted, refused = 0, set[Why]()
+    for sequence in range(1, 121):
+        told = sender.status()
+        base = Base(int(rng.choice([1, 1, 1, 2, 3])))
+        size = float(rng.choice([0.0, 0.1, 0.3, 0.49]))
+        twist = size * rng.uniform(-1, 1, 6)
+        knots = max(1, int(np.ceil(np.abs(twist).max() / (A * DT)))) + int(rng.integers(0, 3))
+        followed = max(0, told.begun + int(rng.integers(-2, 3)))
+        start = told.twist + rng.choice([0.0, 0.1, 0.3])
+        told = sender.execute(sequence, twist, told.sequence, followed, base, 7, knots, start=start)
+        accepted += told.accepted
+        refused.add(told.why)
+        time.sleep(float(rng.choice([0.0, 0.01, 0.05, 0.1])))
+    assert accepted > 20
+    assert refused == {Why.none, Why.base, Why.moves, Why.motion}
+    relay.driver.wait_for_rest()
+    relay.driver.check()
+
+
 # ------------------------------------------------------------------------------- with the C client
 
 
