@@ -1,0 +1,488 @@
+"""The recorder: what workers give it without waiting, and the process that writes it to a file."""
+
+from __future__ import annotations
+
+import gc
+import json
+import mmap
+import os
+import select
+import signal
+import socket
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp._version import __version__
+from ergoqp.errors import InputError
+from ergoqp.files.mcap import check_installed
+from ergoqp.service.loop import Loop, Request
+from ergoqp.service.record import (
+    COUNTS_TOPIC,
+    ENCODING,
+    END_METADATA,
+    LOOP_METADATA,
+    MESSAGE_HEAD,
+    PROFILE,
+    STEP_TOPIC,
+    VIEW_TOPIC,
+    Recorded,
+    guide_kind,
+    loop_metadata,
+    read_message,
+    record_schema,
+)
+from ergoqp.service.schema import ANSWER_HEAD, HEAD, REQUEST_HEAD, Flag, Frame, Tell
+from ergoqp.service.schema import answer_frame, request_frame
+from ergoqp.service.served import Served
+from ergoqp.step.causes import Status
+
+SNAPSHOT: Final = 1_000_000_000
+"""Longest time between two snapshots of a loop's state [ns]."""
+
+BUFFER: Final = 1 << 23
+"""Wanted size of the buffer between a worker and the recorder [bytes]; the system may allow less."""
+
+_LONGEST: Final = 1 << 20
+"""Longest message of a worker [bytes]."""
+
+_NAME: Final = struct.Struct("<I")
+"""Length of the loop's name, with which a worker's message begins."""
+
+_PAUSE: Final = 0.005
+"""The recorder sleeps for this long after it was woken [s]: a worker that finds it asleep, and not
+waiting, need not wake it, which takes longer than the message."""
+
+_CHUNK: Final = 0.5
+"""Longest time for which steps are kept in memory before they are written [s]."""
+
+_CHUNK_BYTES: Final = 1 << 20
+
+_BACKLOG: Final = 1 << 26
+"""Most bytes that wait for the disk; more steps are dropped and counted."""
+
+_VIEW: Final = 1 / 30
+"""Least time between two messages for viewers [s]."""
+
+_ROUND: Final = 256
+"""Messages of one worker that are read before it is the next one's turn."""
+
+_WRITTEN: Final = struct.Struct("<QQQ")
+"""Worker, end of its numbers that are in a file, and how many it had counted as lost by then."""
+
+
+@dataclass
+class _Fed:
+    """What a worker keeps about the recording of one loop."""
+
+    head: bytearray
+    at: int
+    number: int = 0
+    lost: int = 0
+    since: int = -SNAPSHOT
+    due: bool = True
+
+
+class Feed:
+    """A worker's end of the recording: every answer is given away, or counted, and never waited for.
+
+    A recorder that is dead, stopped or slow is noticed only by counting: the next answer has the
+    mark ``unrecorded``.
+    """
+
+    def __init__(self, sender: socket.socket) -> None:
+        """Take the worker's end of a pair of sockets."""
+        sender.setblocking(False)
+        self._send = sender.sendmsg
+        self._worker = int.from_bytes(os.urandom(7), "little") + 1
+        self._fed: dict[str, _Fed] = {}
+
+    def record(self, loop: Loop, request: Request, answer: bytes | memoryview) -> None:
+        """Give a request and its answer to the recorder, now and then with the state before."""
+        fed = self._fed.get(loop.name)
+        if fed is None:
+            name = loop.name.encode()
+            head = bytearray(_NAME.size + len(name) + MESSAGE_HEAD.size)
+            _NAME.pack_into(head, 0, len(name))
+            head[_NAME.size : _NAME.size + len(name)] = name
+            fed = self._fed[loop.name] = _Fed(head, _NAME.size + len(name))
+        now, count, kind = time.time_ns(), 0, 0
+        parts: list[Any] = [fed.head, request.buffer, answer]
+        state = loop.before
+        if state is not None and (loop.turned or fed.due or not 0 <= now - fed.since < SNAPSHOT):
+            count, kind = state.size, guide_kind(loop.led)
+            parts.append(state)
+            if loop.led:
+                parts.append(loop.led)
+        asked, told = len(request.buffer), len(answer)
+        MESSAGE_HEAD.pack_into(
+            fed.head, fed.at, self._worker, fed.number, fed.lost, now, asked, told, count, kind
+        )
+        fed.number += 1
+        try:
+            self._send(parts)
+        except OSError:
+            fed.lost += 1
+            fed.due = loop.unrecorded = True
+            return
+        if count:
+            fed.since, fed.due = now, False
+
+
+def recording_pair() -> tuple[socket.socket, socket.socket]:
+    """Return the two ends between a worker and the recorder.
+
+    The process that forks both keeps both, so that each of them can be forked again: a message
+    waits in the buffer meanwhile.
+    """
+    sender, receiver = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+    sender.setblocking(False)
+    receiver.setblocking(False)
+    return sender, receiver
+
+
+def check_record(path: Path) -> None:
+    """Check that a recording can begin.
+
+    Raises:
+        InputError: if there is such a file, or its folder cannot be written.
+        MissingExtraError: if the package for records is not installed.
+    """
+    check_installed("--record")
+    if path.exists():
+        raise InputError(f"--record: {str(path)!r} exists already; give the name of a new file")
+    if path.suffix != ".mcap":
+        raise InputError(f"--record: got {str(path)!r}, allowed a name with the ending .mcap")
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"--record: there is no folder {str(folder)!r}; make it, or give another")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"--record: cannot write in {str(folder)!r}; give a folder of yours")
+
+
+class _Disk:
+    """A new file, which a thread writes: a slow disk does not keep the recorder from reading.
+
+    Attributes:
+        path: its path: the wanted one, or the first free one with a number.
+        error: why nothing is written any more.
+        written: bytes that are in the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, number = path, 0
+        while True:
+            try:
+                self._file = open(self.path, "xb", buffering=0)
+                break
+            except FileExistsError:
+                number += 1
+                self.path = path.with_name(f"{path.stem}.{number}{path.suffix}")
+        self.error: OSError | None = None
+        self.written, self._at = 0, 0
+        self._waiting: deque[bytes] = deque()
+        self._change = threading.Condition()
+        self._ended = False
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    @property
+    def full(self) -> bool:
+        """Whether as much waits as is allowed."""
+        return self._at - self.written > _BACKLOG
+
+    def write(self, data: bytes) -> int:
+        """Take whole records."""
+        with self._change:
+            self._waiting.append(data)
+            self._at += len(data)
+            self._change.notify()
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the position after what was taken."""
+        return self._at
+
+    def flush(self) -> None:
+        """Do nothing: the thread writes as soon as it can."""
+
+    def close(self) -> None:
+        """Write what waits, and close the file."""
+        with self._change:
+            self._ended = True
+            self._change.notify()
+        self._thread.join()
+
+    def _work(self) -> None:
+        with self._file:
+            while True:
+                with self._change:
+                    while not self._waiting and not self._ended:
+                        self._change.wait()
+                    if not self._waiting:
+                        return
+                    data = memoryview(self._waiting.popleft())
+                try:
+                    left = data
+                    while left:
+                        left = left[self._file.write(left) or 0 :]
+                except OSError as error:
+                    self.error = error
+                    self._drop_the_rest()
+                    return
+                self.written += len(data)
+
+    def _drop_the_rest(self) -> None:
+        """End the file after its last whole record."""
+        try:
+            self._file.truncate(self.written)
+        except OSError:  # it is then read up to there all the same
+            pass
+
+
+@dataclass
+class _Loop:
+    """What the recorder knows about one loop."""
+
+    step: int
+    view: int
+    request: Frame
+    answer: Frame
+    coordinates: list[str]
+    rows: list[str]
+    reasons: dict[int, str]
+    place: int
+    viewed: float = -1.0
+    worker: int = 0
+    end: int = 0
+    lost: int = 0
+    counts: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys(("steps", "lost", "dropped", "gone"), 0)
+    )
+
+
+class Recorder:
+    """The process that writes what workers give it.
+
+    Attributes:
+        path: wanted name of the file; one that exists is never written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        receivers: Sequence[socket.socket],
+        problems: Sequence[Served],
+        say: Callable[[str], None],
+    ) -> None:
+        """Prepare a recording; nothing is opened before `run`, which may run in several forks.
+
+        Args:
+            path: the file.
+            receivers: the recorder's end of each pair of sockets.
+            problems: what is served.
+            say: writes a line of the log.
+        """
+        self.path, self._receivers, self._problems, self._say = path, receivers, problems, say
+        self._names = [name for each in problems for name in each.loop_names]
+        # It outlives this process: how far a recorder that was killed had come.
+        self._written = mmap.mmap(-1, max(1, _WRITTEN.size * len(self._names)))
+        self._loops: dict[str, _Loop] = {}
+        self._marks: deque[tuple[int, list[tuple[int, int, int, int]]]] = deque()
+
+    def run(self) -> None:
+        """Write until SIGTERM, or until the file cannot be written."""
+        gc.freeze()
+        ended: list[int] = []
+        signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
+        try:
+            disk = _Disk(self.path)
+            self._begin(disk)
+            self._say(f"recorded in {str(disk.path)!r}: process {os.getpid()}")
+            self._write_until(ended, disk)
+            if disk.error is None:
+                self._finish(disk)
+            error = disk.error
+        except OSError as found:
+            error = found
+        if error is None:
+            return
+        self._say(f"the recording has ended: {error.strerror}, {str(self.path)!r}; loops go on")
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        while True:  # what is lost from now on is counted by the workers
+            signal.pause()
+
+    def _begin(self, disk: _Disk) -> None:
+        """Write what a file begins with."""
+        from mcap.writer import CompressionType, Writer
+
+        self._disk = disk
+        # The disk is written like a file.
+        stream: Any = disk
+        self._file = Writer(stream, _CHUNK_BYTES, CompressionType.ZSTD)
+        self._file.start(PROFILE, f"ergoqp {__version__}")
+        frames = self._file.register_schema("ergoqp.Step", ENCODING, record_schema())
+        shown = self._file.register_schema("ergoqp.View", "jsonschema", b'{"type": "object"}')
+        counted = self._file.register_schema("ergoqp.Counts", "jsonschema", b'{"type": "object"}')
+        self._counts = self._file.register_channel(COUNTS_TOPIC, "json", counted)
+        for served in self._problems:
+            for name in served.loop_names:
+                self._file.add_metadata(LOOP_METADATA + name, loop_metadata(served, name))
+                told = json.loads(served.description(name))
+                coordinates, rows = told["coordinates"], told["rows"]
+                sizes = {"loop": name, "coordinates": str(len(coordinates)), "rows": str(len(rows))}
+                sizes["names"] = json.dumps(coordinates)
+                self._loops[name] = _Loop(
+                    self._file.register_channel(STEP_TOPIC.format(name), ENCODING, frames, sizes),
+                    self._file.register_channel(VIEW_TOPIC.format(name), "json", shown),
+                    request_frame(len(coordinates)),
+                    answer_frame(len(coordinates), len(rows)),
+                    coordinates,
+                    rows,
+                    {int(number): text for number, text in told["reasons"].items()},
+                    _WRITTEN.size * self._names.index(name),
+                )
+
+    def _write_until(self, ended: Sequence[int], disk: _Disk) -> None:
+        """Write what arrives, in chunks of at most some time."""
+        poll = select.poll()
+        for each in self._receivers:
+            poll.register(each, select.POLLIN)
+        buffer = memoryview(bytearray(_LONGEST))
+        chunk, second = time.monotonic(), time.monotonic()
+        self._add_counts()
+        while not ended and disk.error is None:
+            poll.poll(1e3 * _CHUNK)
+            time.sleep(_PAUSE)
+            for receiver in self._receivers:
+                self._drain(receiver, buffer)
+            now = time.monotonic()
+            if now - second >= 1.0:
+                second = now
+                self._add_counts()
+            if now - chunk >= _CHUNK:
+                chunk = now
+                self._end_chunk()
+
+    def _finish(self, disk: _Disk) -> None:
+        """Write what is still there, the counts, and the index."""
+        buffer = memoryview(bytearray(_LONGEST))
+        for receiver in self._receivers:
+            while self._drain(receiver, buffer):
+                pass
+        self._add_counts()
+        counts = {name: json.dumps(loop.counts) for name, loop in self._loops.items()}
+        self._end_chunk()
+        self._file.add_metadata(END_METADATA, counts)
+        self._file.finish()
+        disk.close()
+        self._note_written()
+
+    def _drain(self, receiver: socket.socket, buffer: memoryview) -> int:
+        """Take what a worker has given; return the number of messages."""
+        for count in range(_ROUND):
+            try:
+                size = receiver.recv_into(buffer)
+            except BlockingIOError:
+                return count
+            if size:
+                self._take(buffer[:size])
+        return _ROUND
+
+    def _take(self, data: memoryview) -> None:
+        """Write a worker's message."""
+        start = _NAME.size + _NAME.unpack_from(data)[0]
+        name, message = str(data[_NAME.size : start], "utf-8"), bytes(data[start:])
+        loop = self._loops.get(name)
+        if loop is None:
+            return
+        step = read_message(name, message)
+        self._count(loop, step)
+        if self._disk.full:
+            loop.counts["dropped"] += 1
+            return
+        self._file.add_message(
+            loop.step, step.time_ns, message, step.time_ns, step.number & 0xFFFFFFFF
+        )
+        loop.counts["steps"] += 1
+        now = 1e-9 * step.time_ns
+        if not 0 <= now - loop.viewed < _VIEW:
+            if (view := _view(loop, step)) is not None:
+                loop.viewed = now
+                told = json.dumps(view, allow_nan=False).encode()
+                self._file.add_message(loop.view, step.time_ns, told, step.time_ns)
+
+    def _count(self, loop: _Loop, step: Recorded) -> None:
+        """Count what is missing before a step, by its numbers."""
+        if step.worker != loop.worker:
+            # A worker that a recorder before this one has written has begun there.
+            worker, end, lost = _WRITTEN.unpack_from(self._written, loop.place)
+            same = worker == step.worker
+            loop.worker, loop.end, loop.lost = step.worker, end if same else 0, lost if same else 0
+            loop.counts["gone"] += step.number - loop.end - (step.lost - loop.lost)
+        loop.counts["lost"] += step.lost - loop.lost
+        loop.end, loop.lost = step.number + 1, step.lost
+
+    def _add_counts(self) -> None:
+        counts = {name: loop.counts for name, loop in self._loops.items()}
+        now = time.time_ns()
+        self._file.add_message(self._counts, now, json.dumps(counts).encode(), now)
+
+    def _end_chunk(self) -> None:
+        """Have everything so far written, whatever little it is."""
+        # The package ends a chunk by its size alone.
+        getattr(self._file, "_Writer__finalize_chunk")()
+        loops = self._loops.values()
+        marks = [(each.place, each.worker, each.end, each.lost) for each in loops]
+        self._marks.append((self._disk.tell(), marks))
+        self._note_written()
+
+    def _note_written(self) -> None:
+        """Note for the next recorder what is in the file of this one."""
+        while self._marks and self._marks[0][0] <= self._disk.written:
+            for place, *written in self._marks.popleft()[1]:
+                _WRITTEN.pack_into(self._written, place, *written)
+
+
+def _view(loop: _Loop, step: Recorded) -> dict[str, Any] | None:
+    """Return what viewers show of a step; None if the answer is no step."""
+    if HEAD.unpack_from(step.answer)[2] != Tell.step:
+        return None
+    status, _, reason = ANSWER_HEAD.unpack_from(step.answer)[7:10]
+    bits = REQUEST_HEAD.unpack_from(step.request)[8]
+
+    def told(name: str) -> np.ndarray:
+        return loop.answer.numbers(step.answer, name)
+
+    twist, pose = told("twist"), told("pose").reshape(4, 4)
+    view: dict[str, Any] = {
+        "status": Status(status).name,
+        "reason": loop.reasons.get(reason, ""),
+        "cost": _number(told("cost")[0]),
+        "twist": {"linear": _axes(twist[:3]), "angular": _axes(twist[3:])},
+        "position": _axes(pose[:3, 3]),
+        "margins": dict(zip(loop.rows, map(_number, told("margins")), strict=True)),
+    }
+    if bits & Flag.frame:
+        posture = np.degrees(loop.request.numbers(step.request, "posture"))
+        if bits & Flag.observed:
+            posture[loop.request.numbers(step.request, "observed") != 1.0] = np.nan
+        view["posture_deg"] = dict(zip(loop.coordinates, map(_number, posture), strict=True))
+    return view
+
+
+def _number(value: float) -> float | None:
+    """Return a number for JSON, which has no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _axes(values: np.ndarray) -> Mapping[str, float | None]:
+    return dict(zip("xyz", map(_number, values), strict=True))
