@@ -11,6 +11,7 @@ import typer
 from ergoqp.cli.options import folder_of, option
 from ergoqp.errors import InputError
 from ergoqp.service.folder import private_folder
+from ergoqp.service.recorder import check_record
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
 from ergoqp.service.supervisor import Supervisor, say
@@ -23,6 +24,7 @@ Each problem is a loop with a socket, for the clients in Python and C. The servi
 Examples:
   ergoqp serve screwing
   ergoqp serve screwing overhead --loops 4 --fifo 20
+  ergoqp serve screwing --record loop.mcap
   ergoqp serve --schema
 """
 
@@ -56,6 +58,9 @@ def command(
             "DIR", "Private folder of the sockets [runtime directory].", "--dir", parser=folder_of
         ),
     ] = None,
+    record: Annotated[
+        Path | None, option("FILE", "Record all steps in a new file, such as loop.mcap [none].")
+    ] = None,
     print_schema: Annotated[
         bool, option(None, "Print the frames of the protocol as JSON.", "--schema")
     ] = False,
@@ -73,12 +78,14 @@ def command(
     _check("--fifo", fifo, 1, 99)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
+    if record is not None:
+        check_record(record)
     served_problems = [served(name, dt, loops) for name in problems]
     _check_names(served_problems)
     for each in served_problems:
         each.prepare(bool(compiled))
     where = private_folder(folder)
-    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo)
+    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo, record)
     for name in supervisor.listeners:
         say(f"loop {name} at {where / name}.sock")
     if compiled is None:

@@ -24,6 +24,7 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.errors import RecordingError
 from ergoqp.files.mcap import Unreadable, mcap_records, open_mcap, profile_of
+from ergoqp.native.compiled import CompilerError, compiler
 from ergoqp.service.schema import ENGINES, VERSION, Field, schema
 from ergoqp.service.served import Served
 from ergoqp.step.guide import read_guide
@@ -137,6 +138,15 @@ def machine() -> str:
     return ", ".join(filter(None, (platform.machine(), processor, " ".join(platform.libc_ver()))))
 
 
+def has_compiler() -> str:
+    """Return ``yes`` if there is a C compiler here, else ``no``: with one, stops are compiled."""
+    try:
+        compiler()
+    except CompilerError:
+        return "no"
+    return "yes"
+
+
 def versions() -> dict[str, str]:
     """Return the versions that the last bits of a step depend on, by package."""
     return {"ergoqp": __version__, "casadi": ca.__version__, "numpy": np.__version__}
@@ -159,6 +169,7 @@ def loop_metadata(served: Served, loop: str) -> dict[str, str]:
         "engine": ENGINES[served.engine],
         "frames": str(VERSION),
         "machine": machine(),
+        "compiler": has_compiler(),
         "python": platform.python_version(),
         "description": served.description(loop),
         **versions(),
