@@ -283,7 +283,8 @@ def joints_of(
         motion = place(motion, where, reading.body, reading.trust)
         check_placed(motion.names, where, _unread(motion.columns, "columns"))
     naming, unit = reading.naming, reading.unit
-    if reading.subject is not None or not _names_whom(naming, motion.names):
+    asked = reading.subject is not None and reading.subject != motion.subject
+    if asked or not _names_whom(naming, motion.names):
         motion = of_subject(motion, reading.subject, where)
     skin = _landmarks(motion.names, naming)
     if skin is None:

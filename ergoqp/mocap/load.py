@@ -116,7 +116,7 @@ def recording_of(
     # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
-    upright, whole, unshown = found.upright, found.whole, found.unshown
+    upright, whole, unshown, blind = found.upright, found.whole, found.unshown, motion.blind
     doubt = _doubt_of(found.doubts)
     del motion, found
     world = {}
@@ -156,6 +156,7 @@ def recording_of(
     world = _in_one_block(world)
     result = fit(body, world, time, part_of(progress, _FOUND, 1.0), doubt)
     result = _without(result, unshown)
+    result = _blinded(result, blind)
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
@@ -246,6 +247,30 @@ def _without(result: Fit, joints: Sequence[str]) -> Fit:
     if "trunk_flexion" not in joints:
         return found
     return replace(found, not_scored={"trunk not seen": np.ones(count, dtype=bool)})
+
+
+def _blinded(result: Fit, blind: Mapping[str, np.ndarray]) -> Fit:
+    """Return a fit in which joints are not seen in some frames (n,) bool."""
+    hidden = {INDEX[joint]: frames for joint, frames in blind.items() if frames.any()}
+    if not hidden:
+        return result
+    observed, spans = result.observed.copy(), dict(result.spans)
+    for joint, frames in hidden.items():
+        observed[frames, joint] = False
+        rows = np.flatnonzero(frames).astype(np.int32)
+        free = (np.full(len(rows), end[joint], dtype=np.float32) for end in (LOWER, UPPER))
+        parts = [(rows, *free)]
+        if joint in spans:
+            others = ~frames[spans[joint][0]]
+            parts.append(tuple(each[others] for each in spans[joint]))
+        at, low, high = (np.concatenate(each) for each in zip(*parts, strict=True))
+        order = np.argsort(at)
+        spans[joint] = at[order], low[order], high[order]
+    found = replace(result, observed=observed, spans=spans)
+    trunk = hidden.get(INDEX["trunk_flexion"])
+    if trunk is None:
+        return found
+    return replace(found, not_scored={"trunk not seen": trunk, **result.not_scored})
 
 
 def _seen_at_all(
@@ -419,10 +444,11 @@ def load_recording(
     path = path_of("recording", path)
     if isinstance(columns, str) or not all(isinstance(each, str) and each for each in columns):
         raise InputError(f"columns: got {shown(columns)}, allowed a list of names")
-    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate), _trusted(trust))
-    reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     for what, name in (("subject", subject), ("thing", thing)):
         check_kind(what, name, (str, NoneType), "a name or None")
+    hertz = None if rate is None else _rate(rate)
+    asked = TableOptions(tuple(columns), hertz, _trusted(trust), subject)
+    reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     reading = replace(reading, subject=subject, thing=thing)
     progress = progress or unseen
     # The motion is not kept here: an hour is large, and is freed as soon as its joints are named.
