@@ -40,6 +40,7 @@ from ergoqp.mocap.assumptions import (
     windowed,
 )
 from ergoqp.mocap.fitting.axes import UPS
+from ergoqp.mocap.fitting.blind import blinded
 from ergoqp.mocap.fitting.jitter import smoothed
 from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
@@ -156,7 +157,7 @@ def recording_of(
     world = _in_one_block(world)
     result = fit(body, world, time, part_of(progress, _FOUND, 1.0), doubt)
     result = _without(result, unshown)
-    result = _blinded(result, blind)
+    result = blinded(result, blind)
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
@@ -247,30 +248,6 @@ def _without(result: Fit, joints: Sequence[str]) -> Fit:
     if "trunk_flexion" not in joints:
         return found
     return replace(found, not_scored={"trunk not seen": np.ones(count, dtype=bool)})
-
-
-def _blinded(result: Fit, blind: Mapping[str, np.ndarray]) -> Fit:
-    """Return a fit in which joints are not seen in some frames (n,) bool."""
-    hidden = {INDEX[joint]: frames for joint, frames in blind.items() if frames.any()}
-    if not hidden:
-        return result
-    observed, spans = result.observed.copy(), dict(result.spans)
-    for joint, frames in hidden.items():
-        observed[frames, joint] = False
-        rows = np.flatnonzero(frames).astype(np.int32)
-        free = (np.full(len(rows), end[joint], dtype=np.float32) for end in (LOWER, UPPER))
-        parts = [(rows, *free)]
-        if joint in spans:
-            others = ~frames[spans[joint][0]]
-            parts.append(tuple(each[others] for each in spans[joint]))
-        at, low, high = (np.concatenate(each) for each in zip(*parts, strict=True))
-        order = np.argsort(at)
-        spans[joint] = at[order], low[order], high[order]
-    found = replace(result, observed=observed, spans=spans)
-    trunk = hidden.get(INDEX["trunk_flexion"])
-    if trunk is None:
-        return found
-    return replace(found, not_scored={"trunk not seen": trunk, **result.not_scored})
 
 
 def _seen_at_all(

@@ -163,9 +163,7 @@ class Loop:
             self.before = self._kept[acted]
         return self._step(request, sequence, acted, flags, marks, age, dt)
 
-    def resume(
-        self, session: int, acted: int, state: np.ndarray, guide: bytes | None
-    ) -> None:
+    def resume(self, session: int, acted: int, state: np.ndarray, guide: bytes | None) -> None:
         """Continue from the state before a recorded step, as if its client had acted on an answer.
 
         Args:

@@ -15,10 +15,10 @@ import platform
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-import casadi as ca
 import numpy as np
 
 from ergoqp._version import __version__
@@ -149,7 +149,7 @@ def has_compiler() -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions that the last bits of a step depend on, by package."""
-    return {"ergoqp": __version__, "casadi": ca.__version__, "numpy": np.__version__}
+    return {"ergoqp": __version__, "casadi": version("casadi"), "numpy": np.__version__}
 
 
 def loop_metadata(served: Served, loop: str) -> dict[str, str]:
@@ -247,7 +247,8 @@ class Record:
             self.loops[record.name.removeprefix(LOOP_METADATA)] = record.metadata
         elif kind == "Channel":
             topics[record.id] = record.topic
-            loops |= {record.id: name for name in [record.metadata.get("loop")] if name}
+            if name := record.metadata.get("loop"):
+                loops[record.id] = name
         elif kind == "Message":
             topic = topics.get(record.channel_id, "")
             loop = loops.get(record.channel_id, "")

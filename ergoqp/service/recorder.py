@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -39,8 +40,17 @@ from ergoqp.service.record import (
     read_message,
     record_schema,
 )
-from ergoqp.service.schema import ANSWER_HEAD, HEAD, REQUEST_HEAD, Flag, Frame, Tell
-from ergoqp.service.schema import answer_frame, request_frame
+from ergoqp.service.schema import (
+    ANSWER_HEAD,
+    HEAD,
+    REQUEST_HEAD,
+    Flag,
+    Frame,
+    Tell,
+    answer_frame,
+    request_frame,
+)
+
 from ergoqp.service.served import Served
 from ergoqp.step.causes import Status
 
@@ -48,7 +58,10 @@ SNAPSHOT: Final = 1_000_000_000
 """Longest time between two snapshots of a loop's state [ns]."""
 
 BUFFER: Final = 1 << 23
-"""Wanted size of the buffer between a worker and the recorder [bytes]; the system may allow less."""
+"""Wanted size of the buffer between a worker and the recorder [bytes].
+
+The system may allow less.
+"""
 
 _LONGEST: Final = 1 << 20
 """Longest message of a worker [bytes]."""
@@ -91,7 +104,7 @@ class _Fed:
 
 
 class Feed:
-    """A worker's end of the recording: every answer is given away, or counted, and never waited for.
+    """A worker's end of the recording: every answer is given away or counted, without waiting.
 
     A recorder that is dead, stopped or slow is noticed only by counting: the next answer has the
     mark ``unrecorded``.
@@ -181,7 +194,7 @@ class _Disk:
         self.path, number = path, 0
         while True:
             try:
-                self._file = open(self.path, "xb", buffering=0)
+                self._file = self.path.open("xb", buffering=0)
                 break
             except FileExistsError:
                 number += 1
@@ -242,10 +255,8 @@ class _Disk:
 
     def _drop_the_rest(self) -> None:
         """End the file after its last whole record."""
-        try:
+        with suppress(OSError):  # it is then read up to there all the same
             self._file.truncate(self.written)
-        except OSError:  # it is then read up to there all the same
-            pass
 
 
 @dataclass
@@ -414,11 +425,10 @@ class Recorder:
         )
         loop.counts["steps"] += 1
         now = 1e-9 * step.time_ns
-        if not 0 <= now - loop.viewed < _VIEW:
-            if (view := _view(loop, step)) is not None:
-                loop.viewed = now
-                told = json.dumps(view, allow_nan=False).encode()
-                self._file.add_message(loop.view, step.time_ns, told, step.time_ns)
+        if not 0 <= now - loop.viewed < _VIEW and (view := _view(loop, step)) is not None:
+            loop.viewed = now
+            told = json.dumps(view, allow_nan=False).encode()
+            self._file.add_message(loop.view, step.time_ns, told, step.time_ns)
 
     def _count(self, loop: _Loop, step: Recorded) -> None:
         """Count what is missing before a step, by its numbers."""
@@ -439,7 +449,7 @@ class Recorder:
     def _end_chunk(self) -> None:
         """Have everything so far written, whatever little it is."""
         # The package ends a chunk by its size alone.
-        getattr(self._file, "_Writer__finalize_chunk")()
+        self._file._Writer__finalize_chunk()  # type: ignore[attr-defined]
         loops = self._loops.values()
         marks = [(each.place, each.worker, each.end, each.lost) for each in loops]
         self._marks.append((self._disk.tell(), marks))

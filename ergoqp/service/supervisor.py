@@ -240,10 +240,9 @@ class Supervisor:
 
     def _end_all(self) -> None:
         for job in sorted(self.jobs, key=lambda job: job.last):
-            if job.pid:
-                if not (job.last and _finished(job.pid)):
-                    os.kill(job.pid, signal.SIGKILL)
-                    os.waitpid(job.pid, 0)
+            if job.pid and not (job.last and _finished(job.pid)):
+                os.kill(job.pid, signal.SIGKILL)
+                os.waitpid(job.pid, 0)
         for name, listener in self.listeners.items():
             listener.close()
             socket_path(self.folder, name).unlink(missing_ok=True)

@@ -87,7 +87,11 @@ class _Steps:
             seen = np.array(self._request.of("observed", data, request))
             posture[seen != 1.0] = np.nan
         # A clock that was set back gives no frames until it is where it was.
-        if np.isinf(posture).any() or np.isnan(posture).all() or time <= max(self.times[-1:] or [0]):
+        if (
+            np.isinf(posture).any()
+            or np.isnan(posture).all()
+            or time <= max(self.times[-1:] or [0])
+        ):
             self.unused += 1
             return
         self.times.append(time)
@@ -187,9 +191,7 @@ def _chosen(where: str, loops: Sequence[_Steps], subject: str | None) -> _Steps:
     )
 
 
-def _beside(
-    told: Mapping[str, str], postures: np.ndarray, poses: np.ndarray
-) -> np.ndarray | None:
+def _beside(told: Mapping[str, str], postures: np.ndarray, poses: np.ndarray) -> np.ndarray | None:
     """Return the poses of the object in the axes of the pelvis (n, 4, 4); None if unknown.
 
     Args:
