@@ -50,7 +50,6 @@ from ergoqp.service.schema import (
     answer_frame,
     request_frame,
 )
-
 from ergoqp.service.served import Served
 from ergoqp.step.causes import Status
 
@@ -181,16 +180,21 @@ def check_record(path: Path) -> None:
         raise InputError(f"--record: cannot write in {str(folder)!r}; give a folder of yours")
 
 
-class _Disk:
+class Disk:
     """A new file, which a thread writes: a slow disk does not keep the recorder from reading.
 
     Attributes:
-        path: its path: the wanted one, or the first free one with a number.
+        path: the wanted path, or the first free one with a number.
         error: why nothing is written any more.
         written: bytes that are in the file.
     """
 
     def __init__(self, path: Path) -> None:
+        """Open the file, and start the thread.
+
+        Raises:
+            OSError: if it cannot be opened.
+        """
         self.path, number = path, 0
         while True:
             try:
@@ -307,6 +311,7 @@ class Recorder:
         # It outlives this process: how far a recorder that was killed had come.
         self._written = mmap.mmap(-1, max(1, _WRITTEN.size * len(self._names)))
         self._loops: dict[str, _Loop] = {}
+        self._buffer = memoryview(bytearray(_LONGEST))
         self._marks: deque[tuple[int, list[tuple[int, int, int, int]]]] = deque()
 
     def run(self) -> None:
@@ -315,12 +320,10 @@ class Recorder:
         ended: list[int] = []
         signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
         try:
-            disk = _Disk(self.path)
-            self._begin(disk)
+            disk = self.begin()
             self._say(f"recorded in {str(disk.path)!r}: process {os.getpid()}")
             self._write_until(ended, disk)
-            if disk.error is None:
-                self._finish(disk)
+            self.finish()
             error = disk.error
         except OSError as found:
             error = found
@@ -331,13 +334,18 @@ class Recorder:
         while True:  # what is lost from now on is counted by the workers
             signal.pause()
 
-    def _begin(self, disk: _Disk) -> None:
-        """Write what a file begins with."""
+    def begin(self) -> Disk:
+        """Open a new file, and write what it begins with.
+
+        Raises:
+            OSError: if it cannot be opened.
+        """
         from mcap.writer import CompressionType, Writer
 
-        self._disk = disk
+        self._disk = Disk(self.path)
+        self._marks.clear()
         # The disk is written like a file.
-        stream: Any = disk
+        stream: Any = self._disk
         self._file = Writer(stream, _CHUNK_BYTES, CompressionType.ZSTD)
         self._file.start(PROFILE, f"ergoqp {__version__}")
         frames = self._file.register_schema("ergoqp.Step", ENCODING, record_schema())
@@ -361,52 +369,58 @@ class Recorder:
                     {int(number): text for number, text in told["reasons"].items()},
                     _WRITTEN.size * self._names.index(name),
                 )
+        self._add_counts()
+        self.end_chunk()
+        return self._disk
 
-    def _write_until(self, ended: Sequence[int], disk: _Disk) -> None:
+    def _write_until(self, ended: Sequence[int], disk: Disk) -> None:
         """Write what arrives, in chunks of at most some time."""
         poll = select.poll()
         for each in self._receivers:
             poll.register(each, select.POLLIN)
-        buffer = memoryview(bytearray(_LONGEST))
-        chunk, second = time.monotonic(), time.monotonic()
-        self._add_counts()
+        chunk = second = time.monotonic()
         while not ended and disk.error is None:
             poll.poll(1e3 * _CHUNK)
             time.sleep(_PAUSE)
-            for receiver in self._receivers:
-                self._drain(receiver, buffer)
+            self.drain(_ROUND)
             now = time.monotonic()
             if now - second >= 1.0:
                 second = now
                 self._add_counts()
             if now - chunk >= _CHUNK:
                 chunk = now
-                self._end_chunk()
+                self.end_chunk()
 
-    def _finish(self, disk: _Disk) -> None:
-        """Write what is still there, the counts, and the index."""
-        buffer = memoryview(bytearray(_LONGEST))
+    def drain(self, most: int = 1 << 30) -> None:
+        """Take what the workers have given: all, or at most so many messages of each."""
         for receiver in self._receivers:
-            while self._drain(receiver, buffer):
-                pass
-        self._add_counts()
-        counts = {name: json.dumps(loop.counts) for name, loop in self._loops.items()}
-        self._end_chunk()
-        self._file.add_metadata(END_METADATA, counts)
-        self._file.finish()
-        disk.close()
+            for _ in range(most):
+                try:
+                    size = receiver.recv_into(self._buffer)
+                except BlockingIOError:
+                    break
+                if size:
+                    self._take(self._buffer[:size])
+
+    def end_chunk(self) -> None:
+        """Have everything so far written, however little it is."""
+        # The package ends a chunk by its size alone.
+        self._file._Writer__finalize_chunk()  # type: ignore[attr-defined]
+        loops = self._loops.values()
+        marks = [(each.place, each.worker, each.end, each.lost) for each in loops if each.worker]
+        self._marks.append((self._disk.tell(), marks))
         self._note_written()
 
-    def _drain(self, receiver: socket.socket, buffer: memoryview) -> int:
-        """Take what a worker has given; return the number of messages."""
-        for count in range(_ROUND):
-            try:
-                size = receiver.recv_into(buffer)
-            except BlockingIOError:
-                return count
-            if size:
-                self._take(buffer[:size])
-        return _ROUND
+    def finish(self) -> None:
+        """Write what is still there, the counts, and the index."""
+        self.drain()
+        self._add_counts()
+        self.end_chunk()
+        counts = {name: json.dumps(loop.counts) for name, loop in self._loops.items()}
+        self._file.add_metadata(END_METADATA, counts)
+        self._file.finish()
+        self._disk.close()
+        self._note_written()
 
     def _take(self, data: memoryview) -> None:
         """Write a worker's message."""
@@ -442,18 +456,10 @@ class Recorder:
         loop.end, loop.lost = step.number + 1, step.lost
 
     def _add_counts(self) -> None:
+        """Write what was counted so far."""
         counts = {name: loop.counts for name, loop in self._loops.items()}
         now = time.time_ns()
         self._file.add_message(self._counts, now, json.dumps(counts).encode(), now)
-
-    def _end_chunk(self) -> None:
-        """Have everything so far written, whatever little it is."""
-        # The package ends a chunk by its size alone.
-        self._file._Writer__finalize_chunk()  # type: ignore[attr-defined]
-        loops = self._loops.values()
-        marks = [(each.place, each.worker, each.end, each.lost) for each in loops]
-        self._marks.append((self._disk.tell(), marks))
-        self._note_written()
 
     def _note_written(self) -> None:
         """Note for the next recorder what is in the file of this one."""
