@@ -13,8 +13,8 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -86,8 +86,8 @@ _VIEW: Final = 1 / 30
 _ROUND: Final = 256
 """Messages of one worker that are read before it is the next one's turn."""
 
-_WRITTEN: Final = struct.Struct("<QQQ")
-"""Worker, end of its numbers that are in a file, and how many it had counted as lost by then."""
+_SLOTS: Final = 64
+"""Chunks about whose end a recorder tells the next one."""
 
 
 @dataclass
@@ -185,8 +185,10 @@ class Disk:
 
     Attributes:
         path: the wanted path, or the first free one with a number.
+        before: path of the file before it, of another recorder; None: there is none.
         error: why nothing is written any more.
         written: bytes that are in the file.
+        first: end of the first part that was taken since `held` began.
     """
 
     def __init__(self, path: Path) -> None:
@@ -196,15 +198,17 @@ class Disk:
             OSError: if it cannot be opened.
         """
         self.path, number = path, 0
+        self.before: Path | None = None
         while True:
             try:
                 self._file = self.path.open("xb", buffering=0)
                 break
             except FileExistsError:
                 number += 1
+                self.before = self.path
                 self.path = path.with_name(f"{path.stem}.{number}{path.suffix}")
         self.error: OSError | None = None
-        self.written, self._at = 0, 0
+        self.written, self._at, self.first = 0, 0, 0
         self._waiting: deque[bytes] = deque()
         self._change = threading.Condition()
         self._ended = False
@@ -219,10 +223,19 @@ class Disk:
     def write(self, data: bytes) -> int:
         """Take whole records."""
         with self._change:
-            self._waiting.append(data)
-            self._at += len(data)
-            self._change.notify()
+            if data:
+                self._waiting.append(data)
+                self._at += len(data)
+                self.first = self.first or self._at
+                self._change.notify()
         return len(data)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Begin to write what is taken here only afterwards."""
+        with self._change:
+            self.first = 0
+            yield
 
     def tell(self) -> int:
         """Return the position after what was taken."""
@@ -274,14 +287,18 @@ class _Loop:
     coordinates: list[str]
     rows: list[str]
     reasons: dict[int, str]
-    place: int
+    worker: int
+    end: int
+    lost: int
     viewed: float = -1.0
-    worker: int = 0
-    end: int = 0
-    lost: int = 0
     counts: dict[str, int] = field(
         default_factory=lambda: dict.fromkeys(("steps", "lost", "dropped", "gone"), 0)
     )
+
+    @property
+    def mark(self) -> tuple[int, int, int]:
+        """What the next recorder has to know."""
+        return self.worker, self.end, self.lost
 
 
 class Recorder:
@@ -308,11 +325,14 @@ class Recorder:
         """
         self.path, self._receivers, self._problems, self._say = path, receivers, problems, say
         self._names = [name for each in problems for name in each.loop_names]
-        # It outlives this process: how far a recorder that was killed had come.
-        self._written = mmap.mmap(-1, max(1, _WRITTEN.size * len(self._names)))
+        # It outlives this process: for each of the last chunks its end in the file, and by loop the
+        # worker, the end of its numbers in the chunk, and how many it had counted as lost by then.
+        numbers = 1 + 3 * len(self._names)
+        memory = mmap.mmap(-1, 8 * _SLOTS * numbers)
+        self._ends = np.frombuffer(memory, np.uint64).reshape(_SLOTS, numbers)
+        self._chunks = self._held = 0
         self._loops: dict[str, _Loop] = {}
         self._buffer = memoryview(bytearray(_LONGEST))
-        self._marks: deque[tuple[int, list[tuple[int, int, int, int]]]] = deque()
 
     def run(self) -> None:
         """Write until SIGTERM, or until the file cannot be written."""
@@ -343,10 +363,10 @@ class Recorder:
         from mcap.writer import CompressionType, Writer
 
         self._disk = Disk(self.path)
-        self._marks.clear()
+        before = self._take_over()
         # The disk is written like a file.
         stream: Any = self._disk
-        self._file = Writer(stream, _CHUNK_BYTES, CompressionType.ZSTD)
+        self._file = Writer(stream, 1 << 62, CompressionType.ZSTD)  # `end_chunk` ends them all
         self._file.start(PROFILE, f"ergoqp {__version__}")
         frames = self._file.register_schema("ergoqp.Step", ENCODING, record_schema())
         shown = self._file.register_schema("ergoqp.View", "jsonschema", b'{"type": "object"}')
@@ -367,11 +387,21 @@ class Recorder:
                     coordinates,
                     rows,
                     {int(number): text for number, text in told["reasons"].items()},
-                    _WRITTEN.size * self._names.index(name),
+                    *before[self._names.index(name)],
                 )
         self._add_counts()
         self.end_chunk()
         return self._disk
+
+    def _take_over(self) -> list[list[int]]:
+        """Return by loop what a recorder before this one has in its file, and begin anew."""
+        sizes = [each.stat().st_size for each in [self._disk.before] if each is not None]
+        whole = self._ends[self._ends[:, 0] <= (sizes or [0])[0]]
+        last = whole[np.argmax(whole[:, 0])] if len(whole) else np.zeros_like(self._ends[0])
+        self._ends[:] = 0
+        self._ends[:, 1:] = last[1:]
+        self._chunks = 0
+        return last[1:].reshape(-1, 3).tolist()
 
     def _write_until(self, ended: Sequence[int], disk: Disk) -> None:
         """Write what arrives, in chunks of at most some time."""
@@ -387,7 +417,7 @@ class Recorder:
             if now - second >= 1.0:
                 second = now
                 self._add_counts()
-            if now - chunk >= _CHUNK:
+            if now - chunk >= _CHUNK or self._held > _CHUNK_BYTES:
                 chunk = now
                 self.end_chunk()
 
@@ -404,12 +434,14 @@ class Recorder:
 
     def end_chunk(self) -> None:
         """Have everything so far written, however little it is."""
-        # The package ends a chunk by its size alone.
-        self._file._Writer__finalize_chunk()  # type: ignore[attr-defined]
-        loops = self._loops.values()
-        marks = [(each.place, each.worker, each.end, each.lost) for each in loops if each.worker]
-        self._marks.append((self._disk.tell(), marks))
-        self._note_written()
+        slot = self._ends[self._chunks % _SLOTS]
+        self._chunks, self._held = self._chunks + 1, 0
+        # Told before it is written: by the size of the file the next recorder sees whether it was.
+        with self._disk.held():
+            self._file.flush()
+            slot[0] = -1 % (1 << 64)
+            slot[1:] = [n for each in self._loops.values() for n in each.mark]
+            slot[0] = self._disk.first
 
     def finish(self) -> None:
         """Write what is still there, the counts, and the index."""
@@ -420,7 +452,6 @@ class Recorder:
         self._file.add_metadata(END_METADATA, counts)
         self._file.finish()
         self._disk.close()
-        self._note_written()
 
     def _take(self, data: memoryview) -> None:
         """Write a worker's message."""
@@ -437,6 +468,7 @@ class Recorder:
         self._file.add_message(
             loop.step, step.time_ns, message, step.time_ns, step.number & 0xFFFFFFFF
         )
+        self._held += len(message)
         loop.counts["steps"] += 1
         now = 1e-9 * step.time_ns
         if not 0 <= now - loop.viewed < _VIEW and (view := _view(loop, step)) is not None:
@@ -447,12 +479,11 @@ class Recorder:
     def _count(self, loop: _Loop, step: Recorded) -> None:
         """Count what is missing before a step, by its numbers."""
         if step.worker != loop.worker:
-            # A worker that a recorder before this one has written has begun there.
-            worker, end, lost = _WRITTEN.unpack_from(self._written, loop.place)
-            same = worker == step.worker
-            loop.worker, loop.end, loop.lost = step.worker, end if same else 0, lost if same else 0
-            loop.counts["gone"] += step.number - loop.end - (step.lost - loop.lost)
-        loop.counts["lost"] += step.lost - loop.lost
+            loop.worker, loop.end, loop.lost = step.worker, 0, 0
+        lost = step.lost - loop.lost
+        loop.counts["lost"] += lost
+        # What a recorder before this one had in its memory when it was killed.
+        loop.counts["gone"] += step.number - loop.end - lost
         loop.end, loop.lost = step.number + 1, step.lost
 
     def _add_counts(self) -> None:
@@ -460,12 +491,6 @@ class Recorder:
         counts = {name: loop.counts for name, loop in self._loops.items()}
         now = time.time_ns()
         self._file.add_message(self._counts, now, json.dumps(counts).encode(), now)
-
-    def _note_written(self) -> None:
-        """Note for the next recorder what is in the file of this one."""
-        while self._marks and self._marks[0][0] <= self._disk.written:
-            for place, *written in self._marks.popleft()[1]:
-                _WRITTEN.pack_into(self._written, place, *written)
 
 
 def _view(loop: _Loop, step: Recorded) -> dict[str, Any] | None:

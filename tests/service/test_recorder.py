@@ -179,10 +179,7 @@ def test_a_recorder_after_another_counts_what_went_with_it(
     with recording(path, screwing) as found:
         talk = found.talks["screwing"]
         ask(talk, screwing, 5)
-        found.recorder.drain()
-        found.recorder.end_chunk()
-        wait_for(lambda: found.disk.written == found.disk.tell())
-        found.recorder.end_chunk()
+        found.write()
         ask(talk, screwing, 4)
         found.recorder.drain()  # in the memory of the one that is killed
         ask(talk, screwing, 3)  # in the buffer
