@@ -377,6 +377,7 @@ class Recorder:
                 self._file.add_metadata(LOOP_METADATA + name, loop_metadata(served, name))
                 told = json.loads(served.description(name))
                 coordinates, rows = told["coordinates"], told["rows"]
+                worker, end, lost = before[self._names.index(name)]
                 sizes = {"loop": name, "coordinates": str(len(coordinates)), "rows": str(len(rows))}
                 sizes["names"] = json.dumps(coordinates)
                 self._loops[name] = _Loop(
@@ -387,7 +388,9 @@ class Recorder:
                     coordinates,
                     rows,
                     {int(number): text for number, text in told["reasons"].items()},
-                    *before[self._names.index(name)],
+                    worker,
+                    end,
+                    lost,
                 )
         self._add_counts()
         self.end_chunk()
