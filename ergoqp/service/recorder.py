@@ -161,15 +161,19 @@ def recording_pair() -> tuple[socket.socket, socket.socket]:
     return sender, receiver
 
 
-def check_record(path: Path) -> None:
+def check_record(path: Path, again: bool = False) -> None:
     """Check that a recording can begin.
+
+    Args:
+        path: its file.
+        again: whether it goes on beside an older file, under a name with a number.
 
     Raises:
         InputError: if there is such a file, or its folder cannot be written.
         MissingExtraError: if the package for records is not installed.
     """
     check_installed("--record")
-    if path.exists():
+    if path.exists() and not again:
         raise InputError(f"--record: {str(path)!r} exists already; give the name of a new file")
     if path.suffix != ".mcap":
         raise InputError(f"--record: got {str(path)!r}, allowed a name with the ending .mcap")

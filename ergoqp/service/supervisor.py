@@ -18,9 +18,15 @@ from typing import Final, NoReturn
 from ergoqp.errors import ErgoqpError, InputError
 from ergoqp.service.folder import socket_path
 from ergoqp.service.served import Served
+from ergoqp.service.systemd import inherited_sockets, notify, watchdog_seconds
 from ergoqp.service.worker import Worker, die_with_parent, settle_in
 
 BACKLOG: Final = 16
+MOST_WORKERS: Final = 64
+HANGS: Final = 10.0
+"""A worker that does nothing for longer is ended and started again [s]."""
+_ROUND: Final = 1.0
+"""How often it is looked whether workers hang [s]."""
 _LIVED: Final = 1.0
 """A process that lived for less than this died of itself [s]."""
 _PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
@@ -38,6 +44,7 @@ class Job:
         work: what runs in the process.
         again: whether it is forked again when it ends.
         last: whether it ends after the others, and may finish its work.
+        worker: its number among the workers; None: it is none.
         pid: process; 0: it does not run.
         young: how many have died young in a row.
         due: when it is forked again (monotonic) [s].
@@ -47,10 +54,13 @@ class Job:
     work: Callable[[], None]
     again: bool = True
     last: bool = False
+    worker: int | None = None
     pid: int = 0
     young: int = 0
     due: float = 0.0
     began: float = field(default=0.0, repr=False)
+    beat: int = field(default=0, repr=False)
+    heard: float = field(default=0.0, repr=False)
 
 
 class Supervisor:
@@ -85,17 +95,22 @@ class Supervisor:
         self._problems = {each.name: each for each in problems}
         self._locks: list[int] = []
         self.listeners: dict[str, socket.socket] = {}
-        self._step_aside = mmap.mmap(-1, max(1, workers))
+        # One byte of each worker: whether it shall make room, and one that it counts up.
+        self._step_aside, self._beats = mmap.mmap(-1, MOST_WORKERS), mmap.mmap(-1, MOST_WORKERS)
+        self._inherited = inherited_sockets()
         self._compiler: Job | None = None
         groups = [list(problems)[start::workers] for start in range(workers)]
         for each in problems:
             for name in each.loop_names:
                 self._lock(name)
-                self.listeners[name] = self.listen(socket_path(folder, name))
+                kept = self._inherited.get(name)
+                self.listeners[name] = kept or self.listen(socket_path(folder, name))
         self._groups = [group for group in groups if group]
         for number, group in enumerate(self._groups):
             names = ", ".join(each.name for each in group)
-            self.jobs.append(Job(f"worker of {names}", lambda n=number, g=group: self._work(n, g)))
+            job = Job(f"worker of {names}", lambda n=number, g=group: self._work(n, g))
+            job.worker = number
+            self.jobs.append(job)
         self._senders: list[socket.socket] = []
         if record is not None:
             self._record(record.absolute())
@@ -155,13 +170,17 @@ class Supervisor:
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
         listeners = {name: self.listeners[name] for name in loops}
         waits = any(not each.engine for each in group) and self._compiler is not None
-        leave = (lambda: self._step_aside[number] == 1) if waits else None
         feed = None
         if self._senders:
             from ergoqp.service.recorder import Feed
 
             feed = Feed(self._senders[number])
-        Worker(loops, listeners, told, feed).run(leave)
+
+        def goes_on(idle: bool) -> bool:
+            self._beats[number] = (self._beats[number] + 1) % 256
+            return not (waits and idle and self._step_aside[number])
+
+        Worker(loops, listeners, told, feed).run(goes_on)
 
     def compile_beside(self) -> None:
         """Compile the steps at idle priority; workers take them when nobody uses their loops.
@@ -189,6 +208,19 @@ class Supervisor:
             return
         self._step_aside[:] = b"\1" * len(self._step_aside)
 
+    def _replace_what_hangs(self) -> None:
+        """End workers that have not gone round their loop for a while."""
+        now = time.monotonic()
+        for job in self.jobs:
+            if job.worker is None or not job.pid:
+                continue
+            if self._beats[job.worker] != job.beat:
+                job.beat, job.heard = self._beats[job.worker], now
+            elif now - max(job.heard, job.began) > HANGS:
+                say(f"{job.name} did nothing for {HANGS:g} s, and is ended")
+                os.kill(job.pid, signal.SIGKILL)
+                job.heard = now
+
     def run(self) -> None:
         """Serve until SIGTERM or SIGINT, then end all processes."""
         reader, writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -197,11 +229,14 @@ class Supervisor:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: ended.append(1))
         signal.signal(signal.SIGCHLD, lambda *_: None)
+        pause = min(_ROUND, watchdog_seconds() or _ROUND)
         try:
             while not ended:
                 self._fork_what_is_due()
+                notify("READY=1\nWATCHDOG=1")
+                self._replace_what_hangs()
                 due = [job.due for job in self.jobs if not job.pid]
-                wait = max(0.0, min(due) - time.monotonic()) if due else None
+                wait = max(0.0, min([*due, time.monotonic() + pause]) - time.monotonic())
                 if select.select([reader], [], [], wait)[0]:
                     os.read(reader, 4096)
                 self._reap()
@@ -245,6 +280,8 @@ class Supervisor:
                 os.waitpid(job.pid, 0)
         for name, listener in self.listeners.items():
             listener.close()
+            if name in self._inherited:
+                continue
             socket_path(self.folder, name).unlink(missing_ok=True)
 
 

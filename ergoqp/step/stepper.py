@@ -193,7 +193,7 @@ class Stepper:
         self._guided = place is not None
         self._model = StepModel(self.problem, self._guided)
         self._begin = state_at_start(self._model)
-        self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
+        self._bind(self._built(solver, compiled))
         closed = compiled and self.problem.surface is None
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
@@ -206,6 +206,12 @@ class Stepper:
             usual = self._led(usual, place)
         self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
 
+    def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
+        """Return the function of the step, or the one in which no term calls Python."""
+        if spare:
+            return build_step(self.problem, self._solver, guided=self._guided, spare=True)
+        return step_function(self.problem, solver, compiled, guided=self._guided)
+
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
         self._evaluator = evaluator = Evaluator(function)
@@ -217,7 +223,7 @@ class Stepper:
         self._raised: list[str] = []
         spare = function
         if callers(self.problem):
-            spare = build_step(self.problem, self._solver, guided=self._guided, spare=True)
+            spare = self._built(self._solver, spare=True)
             self._call = guarded(self._call, evaluator, spare, self._raised)
         if self._model.watched:
             check_spare(spare)
@@ -524,7 +530,7 @@ class Stepper:
             InputError: if `dt` is out of range.
         """
         period = self.dt if dt is None else dt
-        if not SHORTEST_DT <= period <= self.problem.longest_period:
+        if period != self.dt and not SHORTEST_DT <= period <= self.problem.longest_period:
             allowed = f"{SHORTEST_DT:g} to {self.problem.longest_period:g}"
             raise InputError(f"dt: got {shown(dt)}, allowed {allowed} s")
         ready, twists = self._ready, []

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import ergoqp
 from ergoqp.service.loop import Loop, Request, chosen_knots
 from ergoqp.service.schema import (
+    ANSWER,
     ANSWER_HEAD,
     KNOTS,
     REQUEST_HEAD,
@@ -25,10 +26,7 @@ from ergoqp.service.schema import (
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.stepper import Stepper
 
-HEAD = (
-    "length version kind session sequence engine drawn status causes reason marks coordinates"
-    " rows knots computed"
-).split()
+_HEAD_NAMES = [field.name for field in ANSWER[: len(ANSWER_HEAD.unpack(bytes(ANSWER_HEAD.size)))]]
 USUAL = Flag.frame | Flag.enable
 
 
@@ -36,7 +34,7 @@ class Answer:
     """An answer as a client reads it, by the declared layout alone."""
 
     def __init__(self, frame: bytes, coordinates: int, rows: int) -> None:
-        for name, value in zip(HEAD, ANSWER_HEAD.unpack_from(frame), strict=True):
+        for name, value in zip(_HEAD_NAMES, ANSWER_HEAD.unpack_from(frame), strict=True):
             setattr(self, name, value)
         if self.kind == Tell.step:
             layout = answer_frame(coordinates, rows)
@@ -121,12 +119,12 @@ def talk(made: Stepper) -> Talk:
 
 
 def test_an_answer_is_the_step_of_a_stepper_to_the_last_bit(talk: Talk, made: Stepper) -> None:
-    own, posture, acted = made.sibling(), START.copy(), 0
+    own, posture, acted, step = made.sibling(), START.copy(), 0, None
     for number in range(40):
         seen = np.ones(32)
         seen[number % 32] = 0.0
         # A pose that is measured now and then, and a wrong one.
-        pose = np.eye(4) if number == 20 else step.pose if number % 7 == 3 else None
+        pose = np.eye(4) if number == 20 else step.pose if step and number % 7 == 3 else None
         step = own.step(posture, pose, observed=seen.astype(bool), age=0.01)
         bits = USUAL | Flag.observed | (Flag.stands if not acted else 0) | Flag.explain
         more = {} if pose is None else {"pose": pose}
@@ -268,7 +266,7 @@ def test_bad_numbers_give_the_step_of_bad_numbers(talk: Talk) -> None:
     for _ in range(10):
         acted = talk.ask(START, USUAL, acted=acted).sequence
     nan = np.full(32, np.nan)
-    for given, cause in [
+    for one, cause in [
         ({"posture": nan}, Cause.posture),
         ({"posture": START, "age": np.nan}, Cause.age),
         ({"posture": START, "age": 9.0}, Cause.too_old),
@@ -280,7 +278,7 @@ def test_bad_numbers_give_the_step_of_bad_numbers(talk: Talk) -> None:
         ({"posture": START, "twist": np.nan, "bits": USUAL | Flag.twist}, Cause.twist),
         ({"posture": START, "observed": 0.5, "bits": USUAL | Flag.observed}, Cause.posture),
     ]:
-        answer = talk.ask(**({"bits": USUAL, "acted": acted} | given))
+        answer = talk.ask(**({"bits": USUAL, "acted": acted} | one))
         assert answer.kind == Tell.step
         assert answer.causes >> cause & 1
         assert np.isfinite(answer.stop).all()
@@ -306,22 +304,21 @@ def test_hold_and_try_again_are_those_of_the_stepper(talk: Talk) -> None:
     assert not again.marks & Mark.still
 
 
-@pytest.mark.parametrize("dt", [0.01, 0.001])
+@pytest.mark.parametrize("dt", [0.005, 0.001])
 def test_the_knots_are_the_stop_to_a_micrometre(dt: float) -> None:
     """Where a stop has more twists than knots, the lines between these stay beside it."""
     stepper = Stepper(PROBLEM, dt=dt)
     stepper.warm_up()
-    posture = START.copy()
-    for _ in range(round(0.6 / dt)):
-        posture = posture + dt * stepper.step(posture).posture_rate
+    stepper.reset(twist=PROBLEM.twist_limit.speed * [0.9, -0.5, 1, 0.4, -1, 0.2])
+    stepper.step(START)
     twists = stepper.stop()
     chosen = chosen_knots(twists)
-    assert len(chosen) == min(len(twists), KNOTS) or (len(chosen) > KNOTS / 2 and dt < 0.01)
+    assert len(chosen) <= KNOTS < len(twists)
     assert chosen[0] == 0
     assert chosen[-1] == len(twists) - 1
     periods = np.arange(len(twists))
     lines = np.array([np.interp(periods, chosen, twists[chosen, i]) for i in range(6)]).T
-    assert np.abs(lines - twists).max() < 2e-5
+    assert np.abs(lines - twists).max() < 5e-5
     assert np.abs(np.cumsum(lines - twists, axis=0)).max() * dt < 1e-6
     steepest = np.abs(np.diff(lines, axis=0)).max(axis=0) / dt
     assert (steepest <= np.array(PROBLEM.twist_limit.acceleration) * (1 + 1e-9)).all()

@@ -336,6 +336,7 @@ def test_what_is_asked_for_is_checked_at_the_start(
     path = tmp_path / "loop.mcap"
     check_record(path)
     path.touch()
+    check_record(path, again=True)
     assert execute(["serve", "screwing", "--record", str(path)]) == 2
     assert f"--record: '{path}' exists already" in capsys.readouterr().err
     with pytest.raises(InputError, match=r"there is no folder"):
