@@ -236,7 +236,7 @@ def go(client: Client, served: Served, seconds: float) -> int:
 
 def marked(client: Client) -> bool:
     """Whether the last answer says that an earlier one is not recorded."""
-    return bool(ANSWER_HEAD.unpack_from(client._kept)[10] & Mark.unrecorded)
+    return bool(ANSWER_HEAD.unpack_from(client._kept.view)[10] & Mark.unrecorded)
 
 
 @pytest.mark.slow
