@@ -211,6 +211,7 @@ class _Replay:
         self._steppers: dict[int, Stepper] = {}
         self._worker, self._end, self._known = 0, 0, False
         self._kept: set[int] = set()
+        self._engine = 0
         self._loop: Loop | None = None
         self._frame: Frame | None = None
 
@@ -257,6 +258,8 @@ class _Replay:
             outcome.missing += step.number if self._worker else 0
             self._begin(engine if kind == Tell.step else ENGINES.index(self._told["engine"]))
             self._worker, self._end, self._known = step.worker, step.number, step.number == 0
+        if kind == Tell.step and engine != self._engine:
+            self._begin(engine)  # before its first step a worker does not tell
         missing, self._end = step.number - self._end, step.number + 1
         outcome.missing += missing
         outcome.steps += 1
@@ -306,7 +309,7 @@ class _Replay:
         if engine not in self._steppers:
             problem, guide = self._served.problem, self._served.guide
             self._steppers[engine] = self._stepper(problem, guide, engine)
-        stepper = self._steppers[engine].sibling()
+        stepper, self._engine = self._steppers[engine].sibling(), engine
         self._loop = Loop(self._told["loop"], stepper, engine, int(self._told["digest"]))
         self._frame = answer_frame(self._loop.coordinates, self._loop.rows)
         self._kept = set()

@@ -295,6 +295,23 @@ def test_a_recorder_that_is_killed_is_replaced(
 
 
 @pytest.mark.slow
+def test_a_worker_that_is_killed_is_recorded_too(
+    recorded: tuple[Running, Path], screwing: Served
+) -> None:
+    service, path = recorded
+    with service.client(timeout=1.0) as client:
+        client.reset()
+        go(client, screwing, 0.7)
+        os.kill(service.worker(), signal.SIGKILL)
+        go(client, screwing, 0.7)
+    service.end()
+    [loop] = replay_record(path).loops.values()
+    assert len({step.worker for step in Record(path).messages()}) == 2
+    assert loop.equal == loop.steps > 20
+    assert record_lost(path) == 0
+
+
+@pytest.mark.slow
 def test_a_disk_that_is_full_ends_the_recording_alone(
     recorded: tuple[Running, Path], screwing: Served
 ) -> None:
