@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.native.compiled import CompilerError
 from ergoqp.problem.problem import Problem
-from ergoqp.service.loop import Loop
+from ergoqp.service.loop import Loop, Request
 from ergoqp.service.record import Record, Recorded, has_compiler, machine, versions
 from ergoqp.service.schema import (
     ANSWER_HEAD,
@@ -213,6 +213,7 @@ class _Replay:
         self._kept: set[int] = set()
         self._engine = 0
         self._loop: Loop | None = None
+        self._request: Request | None = None
         self._frame: Frame | None = None
 
     def _load(self, name: str) -> Served:
@@ -264,9 +265,10 @@ class _Replay:
         outcome.missing += missing
         outcome.steps += 1
         self._known = self._known and not missing
-        loop, masked, begun = self._loop, int(Mark.unrecorded), bool(marks & Mark.begun)
+        loop, request, begun = self._loop, self._request, bool(marks & Mark.begun)
+        masked = int(Mark.unrecorded)
         assert loop is not None
-        request = loop.new_request()
+        assert request is not None
         if len(step.request) != request.length:
             raise RecordingError(f"{self._where}: the requests of loop {step.loop} do not fit it")
         request.buffer[:] = step.request
@@ -311,6 +313,7 @@ class _Replay:
             self._steppers[engine] = self._stepper(problem, guide, engine)
         stepper, self._engine = self._steppers[engine].sibling(), engine
         self._loop = Loop(self._told["loop"], stepper, engine, int(self._told["digest"]))
+        self._request = self._loop.new_request()
         self._frame = answer_frame(self._loop.coordinates, self._loop.rows)
         self._kept = set()
 
