@@ -16,6 +16,7 @@ from ergoqp.cli.run import guide_named
 from ergoqp.errors import InputError
 from ergoqp.service.c_header import header
 from ergoqp.service.folder import private_folder
+from ergoqp.service.recorder import check_record
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
 from ergoqp.service.supervisor import MOST_WORKERS, Supervisor, say
@@ -29,6 +30,7 @@ Each problem is a loop with a socket, for the clients in Python and C. The servi
 Examples:
   ergoqp serve screwing
   ergoqp serve screwing overhead --loops 4 --fifo 20
+  ergoqp serve screwing --record loop.mcap
   ergoqp serve --schema
   ergoqp serve --header > ergoqp_client.h
 """
@@ -64,6 +66,9 @@ def command(
             "DIR", "Private folder of the sockets [runtime directory].", "--dir", parser=folder_of
         ),
     ] = None,
+    record: Annotated[
+        Path | None, option("FILE", "Record all steps in a new file, such as loop.mcap [none].")
+    ] = None,
     systemd: Annotated[
         Path | None,
         option("DIR", "Write units for systemd that serve like this, and end.", parser=folder_of),
@@ -91,6 +96,9 @@ def command(
     _check("--fifo", fifo, 1, 99)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
+    if record is not None:
+        # A service that systemd starts again goes on in another file.
+        check_record(record, again="LISTEN_FDS" in os.environ)
     served_problems = [served(name, dt, loops) for name in problems]
     _check_names(served_problems)
     if systemd is not None:
@@ -102,7 +110,7 @@ def command(
     for each in served_problems:
         each.prepare(bool(compiled))
     where = private_folder(folder)
-    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo)
+    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo, record)
     for name in supervisor.listeners:
         say(f"loop {name} at {where / name}.sock")
     if compiled is None:
@@ -115,7 +123,7 @@ def _write_units(folder: Path, loops: list[str]) -> None:
     arguments, skip = [], False
     for word in sys.argv[2:]:
         if not (skip or word.startswith("--systemd")):
-            arguments.append(os.path.abspath(word) if word.endswith(".toml") else word)
+            arguments.append(os.path.abspath(word) if word.endswith((".toml", ".mcap")) else word)
         skip = word == "--systemd"
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -31,6 +31,8 @@ _LIVED: Final = 1.0
 """A process that lived for less than this died of itself [s]."""
 _PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
 """Waits before a process is forked again, by how many have died young in a row [s]."""
+_FAREWELL: Final = 3.0
+"""Time that a process has for finishing its work [s]."""
 
 
 @dataclass
@@ -41,6 +43,7 @@ class Job:
         name: what it does, for the log.
         work: what runs in the process.
         again: whether it is forked again when it ends.
+        last: whether it ends after the others, and may finish its work.
         worker: its number among the workers; None: it is none.
         pid: process; 0: it does not run.
         young: how many have died young in a row.
@@ -50,6 +53,7 @@ class Job:
     name: str
     work: Callable[[], None]
     again: bool = True
+    last: bool = False
     worker: int | None = None
     pid: int = 0
     young: int = 0
@@ -67,7 +71,12 @@ class Supervisor:
     """
 
     def __init__(
-        self, problems: Sequence[Served], folder: Path, workers: int, priority: int | None = None
+        self,
+        problems: Sequence[Served],
+        folder: Path,
+        workers: int,
+        priority: int | None = None,
+        record: Path | None = None,
     ) -> None:
         """Bind the sockets of all loops.
 
@@ -76,6 +85,7 @@ class Supervisor:
             folder: private folder of the sockets.
             workers: number of processes that compute steps.
             priority: of SCHED_FIFO for the workers. None: the usual scheduling.
+            record: new file that all steps are recorded in. None: nothing is recorded.
 
         Raises:
             InputError: if another service has one of the loops, or a socket cannot be bound.
@@ -101,6 +111,19 @@ class Supervisor:
             job = Job(f"worker of {names}", lambda n=number, g=group: self._work(n, g))
             job.worker = number
             self.jobs.append(job)
+        self._senders: list[socket.socket] = []
+        if record is not None:
+            self._record(record.absolute())
+
+    def _record(self, path: Path) -> None:
+        """Have another process record what the workers answer."""
+        from ergoqp.service.recorder import Recorder, recording_pair
+
+        pairs = [recording_pair() for _ in self._groups]
+        self._senders = [sender for sender, _ in pairs]
+        receivers = [receiver for _, receiver in pairs]
+        recorder = Recorder(path, receivers, list(self._problems.values()), say)
+        self.jobs.append(Job("recorder", recorder.run, last=True))
 
     def _lock(self, name: str) -> None:
         """Claim a loop's name; the lock is held by this process and all that it forks."""
@@ -147,12 +170,17 @@ class Supervisor:
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
         listeners = {name: self.listeners[name] for name in loops}
         waits = any(not each.engine for each in group) and self._compiler is not None
+        feed = None
+        if self._senders:
+            from ergoqp.service.recorder import Feed
+
+            feed = Feed(self._senders[number])
 
         def goes_on(idle: bool) -> bool:
             self._beats[number] = (self._beats[number] + 1) % 256
             return not (waits and idle and self._step_aside[number])
 
-        Worker(loops, listeners, told).run(goes_on)
+        Worker(loops, listeners, told, feed).run(goes_on)
 
     def compile_beside(self) -> None:
         """Compile the steps at idle priority; workers take them when nobody uses their loops.
@@ -246,8 +274,8 @@ class Supervisor:
                 say(f"{job.name} ended after {lived:.1f} s by {how}, and is started again")
 
     def _end_all(self) -> None:
-        for job in self.jobs:
-            if job.pid:
+        for job in sorted(self.jobs, key=lambda job: job.last):
+            if job.pid and not (job.last and _finished(job.pid)):
                 os.kill(job.pid, signal.SIGKILL)
                 os.waitpid(job.pid, 0)
         for name, listener in self.listeners.items():
@@ -255,6 +283,17 @@ class Supervisor:
             if name in self._inherited:
                 continue
             socket_path(self.folder, name).unlink(missing_ok=True)
+
+
+def _finished(pid: int) -> bool:
+    """Ask a process to end; return whether it has done so."""
+    os.kill(pid, signal.SIGTERM)
+    until = time.monotonic() + _FAREWELL
+    while time.monotonic() < until:
+        if os.waitpid(pid, os.WNOHANG)[0]:
+            return True
+        time.sleep(0.01)
+    return False
 
 
 def _live(job: Job) -> NoReturn:
