@@ -13,6 +13,7 @@ from ergoqp.errors import InputError
 from ergoqp.service.folder import private_folder
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
+from ergoqp.service.stdio import serve_stdio
 from ergoqp.service.supervisor import Supervisor, say
 
 ABOUT = """Serve the control step of problems to other processes.
@@ -56,6 +57,15 @@ def command(
             "DIR", "Private folder of the sockets [runtime directory].", "--dir", parser=folder_of
         ),
     ] = None,
+    stdio: Annotated[
+        bool,
+        option(
+            None,
+            "Read requests from standard input and write answers to standard output, a line of JSON"
+            " each, in one process without sockets.",
+            "--stdio",
+        ),
+    ] = False,
     print_schema: Annotated[
         bool, option(None, "Print the frames of the protocol as JSON.", "--schema")
     ] = False,
@@ -77,6 +87,9 @@ def command(
     _check_names(served_problems)
     for each in served_problems:
         each.prepare(bool(compiled))
+    if stdio:
+        serve_stdio(served_problems)
+        return
     where = private_folder(folder)
     supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo)
     for name in supervisor.listeners:
