@@ -40,7 +40,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.certification import longest_stop
 from ergoqp.step.function import build_step
 from ergoqp.step.guide import read_guide
-from ergoqp.step.model import StepModel, stand_in
+from ergoqp.step.model import stand_in
 from ergoqp.step.rest import UNKNOWN
 
 _RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}

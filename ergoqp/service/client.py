@@ -32,6 +32,12 @@ from ergoqp.service.schema import (
     request_frame,
 )
 
+# Plain numbers, because those of an enumeration cost ten times as much to compare.
+_FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _TRY_AGAIN, _TAKES_OVER = (
+    int(Flag[name])
+    for name in ("frame", "pose", "twist", "observed", "enable", "try_again", "takes_over")
+)
+_STEP, _TOLD = int(Ask.step), int(Tell.step)
 _STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
 _CONNECTING: Final = 5.0
 """How long the first connection and the description may take [s]."""
@@ -68,70 +74,74 @@ class ClientStep:
         reason: str,
         fresh: bool,
         solve_time: float,
-        values: Mapping[str, np.ndarray],
+        values: np.ndarray,
+        parts: Mapping[str, slice],
         names: Mapping[str, tuple[str, ...]],
         computed: float = 0.0,
         drawn: int = 0,
     ) -> None:
-        """Keep the numbers; ``values`` are those of the last answer."""
+        """Keep the numbers of the last answer; they are read on demand."""
         self.twist, self.status, self.reason, self.fresh = twist, status, reason, fresh
         self.solve_time, self.computed, self.drawn = solve_time, computed, drawn
-        self._values, self._names = values, names
+        self._values, self._parts, self._names = values, parts, names
 
     def __repr__(self) -> str:
         """Show twist, status and reason."""
         twist = np.array2string(self.twist, precision=4, suppress_small=True)
         return f"ClientStep(twist={twist}, status={self.status!r}, reason={self.reason!r})"
 
+    def _value(self, name: str) -> np.ndarray:
+        return self._values[self._parts[name]]
+
     @property
     def pose(self) -> np.ndarray:
         """Contact frame in the world that the last answered step used (4, 4) [m]."""
-        return self._values["pose"].reshape(4, 4)
+        return self._value("pose").reshape(4, 4)
 
     @property
     def posture_rate(self) -> np.ndarray:
         """How the model person follows [rad/s]; zero if the step is not fresh."""
-        rate = self._values["posture_rate"]
+        rate = self._value("posture_rate")
         return rate if self.fresh else np.zeros_like(rate)
 
     @property
     def cost(self) -> float:
         """V of the posture, at the last answer [points]."""
-        return float(self._values["cost"][0])
+        return float(self._value("cost")[0])
 
     @property
     def gain(self) -> float:
         """Predicted improvement within one second at full speed, at the last answer [points]."""
-        return float(self._values["gain"][0])
+        return float(self._value("gain")[0])
 
     @property
     def residuals(self) -> dict[str, float]:
         """Residuals by name, see `ergoqp.Step`."""
         return dict(
-            zip(("qp", "contact", "accepted"), self._values["residuals"].tolist(), strict=True)
+            zip(("qp", "contact", "accepted"), self._value("residuals").tolist(), strict=True)
         )
 
     @cached_property
     def margins(self) -> dict[str, float]:
         """Distance of every row to its nearer end, in the unit of the row."""
-        return dict(zip(self._names["rows"], self._values["margins"].tolist(), strict=True))
+        return dict(zip(self._names["rows"], self._value("margins").tolist(), strict=True))
 
     @cached_property
     def slack(self) -> dict[str, float]:
         """By how much the QP missed a row, in its unit per second; only missed rows."""
-        found = zip(self._names["rows"], self._values["slack"].tolist(), strict=True)
+        found = zip(self._names["rows"], self._value("slack").tolist(), strict=True)
         return {name: value for name, value in found if value > 1e-7}
 
     @cached_property
     def locked(self) -> tuple[str, ...]:
         """Joints at their end that the model person holds still."""
-        held = np.flatnonzero(self._values["locked"] > 0.5)
+        held = np.flatnonzero(self._value("locked") > 0.5)
         return tuple(self._names["coordinates"][i] for i in held)
 
     @cached_property
     def active(self) -> tuple[str, ...]:
         """Names of the rows that hold the object back, and of the joints that yield."""
-        pushing = np.flatnonzero(np.abs(self._values["multipliers"]) > 1e-6)
+        pushing = np.flatnonzero(np.abs(self._value("multipliers")) > 1e-6)
         rows = [self._names["rows"][i] for i in pushing]
         return (*rows, *(joint for joint in self.locked if joint not in rows))
 
@@ -189,8 +199,9 @@ class Client:
         rows, coordinates = self.description["rows"], self.description["coordinates"]
         self._names = {"rows": tuple(rows), "coordinates": tuple(coordinates)}
         self._reasons = {int(key): text for key, text in self.description["reasons"].items()}
-        self._n = len(coordinates)
-        self._explain = Flag.explain if explain else 0
+        self._n, self._digest = len(coordinates), int(self.description["digest"])
+        self._longest = float(self.description["longest_dt"])
+        self._explain = int(Flag.explain) if explain else 0
         request, answer = request_frame(self._n), answer_frame(self._n, len(rows))
         self._request, self._answer = bytearray(request.length), bytearray(answer.length)
         self._into, self._layout = memoryview(self._answer), answer
@@ -200,6 +211,10 @@ class Client:
         }
         self._kept = bytearray(answer.length)  # the answer that is being executed
         numbers = answer.numbers(self._kept, "twist", "stop")
+        self._arrived = [
+            answer.numbers(self._answer, *each)
+            for each in (("twist", "posture_rate"), ("times", "stop"))
+        ]
         start = answer.at["twist"].start
         self._parts = {
             field.name: slice((at.start - start) // 8, (at.stop - start) // 8)
@@ -209,7 +224,7 @@ class Client:
         self._numbers = numbers
         self._session, self._sequence, self._acted, self._followed = 0, 0, 0, 0
         self._knots, self._begin, self._asked = 0, 0, 0
-        self._start_twist = np.zeros(6)
+        self._start_twist, self._dt_of_answer = np.zeros(6), self.dt
         self._hold = self._again = self._place = 0
         self._called = -np.inf
         self._why = f"the service was not told yet what the robot does: {_ASK}"
@@ -235,20 +250,24 @@ class Client:
 
         An input that is no array of the right shape counts as one of NaN, which the step names.
         """
-        bits = Flag.enable if enable is True or enable == 1 else 0
+        bits = _ENABLE if enable is True or _is_one(enable) else 0
         if posture is not None:
-            bits |= Flag.frame | self._put("posture", posture)
+            bits |= _FRAME
+            self._put("posture", posture)
         if pose is not None:
-            bits |= Flag.pose | self._put("pose", pose)
+            bits |= _POSE
+            self._put("pose", pose)
         if twist is not None:
-            bits |= Flag.twist | self._put("twist", twist)
+            bits |= _TWIST
+            self._put("twist", twist)
         if observed is not None:
-            bits |= Flag.observed | self._put("observed", observed)
-        return self._ask(bits, self.dt if dt is None else dt, age)
+            bits |= _OBSERVED
+            self._put("observed", observed)
+        return self._ask(bits, self.dt if dt is None else _number(dt), _number(age))
 
     def brake(self, dt: float | None = None) -> ClientStep:
         """Return the next braking twist without new data; see `Stepper.brake`."""
-        return self._ask(Flag.brake, self.dt if dt is None else dt, 0.0)
+        return self._ask(int(Flag.brake), self.dt if dt is None else _number(dt), 0.0)
 
     def stop(self) -> np.ndarray:
         """Return the twists that are left of the stop of the last answer (k, 6), one per period."""
@@ -269,19 +288,19 @@ class Client:
             InputError: if `twist` is not six finite numbers.
         """
         if twist is None:
-            self._begin = Flag.stands
+            self._begin = int(Flag.stands)
         else:
             self._start_twist[:] = read_array("twist", twist, (6,), "6 finite numbers")
-            self._begin = Flag.takes_over
+            self._begin = _TAKES_OVER
         self._session = self._again = self._hold = 0
 
     def hold(self) -> None:
         """Bring the object to rest and keep it there until `try_again` or `reset`."""
-        self._hold, self._again = Flag.hold, 0
+        self._hold, self._again = int(Flag.hold), 0
 
     def try_again(self) -> None:
         """Allow motion again after `hold`, after a fault of the robot, and after wrong frames."""
-        self._hold, self._again = 0, Flag.try_again
+        self._hold, self._again = 0, _TRY_AGAIN
 
     def guide(self, pose: Any, promise: float = -1e9) -> None:
         """Have the object drawn to another place, or to none; see `Stepper.guide`.
@@ -295,11 +314,11 @@ class Client:
         """
         if not self.description["guided"]:
             raise InputError("guide: the loop was started without one; `ergoqp serve --guide`")
-        self._place = Flag.no_guide
+        self._place = int(Flag.no_guide)
         if pose is not None:
             place = read_array("guide", pose, (4, 4), "a pose (4, 4)")
             self._given["guide"][:], self._given["promise"][:] = place.ravel(), promise
-            self._place = Flag.guide
+            self._place = int(Flag.guide)
 
     def close(self) -> None:
         """Give the loop free; the robot has to be at rest."""
@@ -313,40 +332,36 @@ class Client:
         """Close it."""
         self.close()
 
-    def _put(self, name: str, value: Any) -> int:
-        """Write an argument into the request."""
+    def _put(self, name: str, value: Any) -> None:
+        """Write an argument into the request; NaN, which the step names, for anything else."""
         target = self._given[name]
+        shape = (4, 4) if name == "pose" else target.shape
         try:
             array = np.asarray(value, dtype=float)
-            if array.size == target.size and array.ndim <= 2:
-                target[:] = array.ravel()
-                return 0
         except (TypeError, ValueError):
-            pass
-        target[:] = np.nan
-        return 0
+            array = np.empty(0)
+        target[:] = array.ravel() if array.shape == shape else np.nan
 
     def _ask(self, bits: int, dt: float, age: float) -> ClientStep:
         """Exchange a request for an answer, or go on with the stop."""
         start = time.perf_counter()
         self._pass_time(start)
-        code = self._exchange(bits, dt, age, start) if self._ready() else None
-        if code is None:
+        if not (self._ready() and self._exchange(bits, dt, age, start)):
             return self._follow(start)
         values = self._numbers.copy()
-        parts = {name: values[at] for name, at in self._parts.items()}
-        engine, drawn, status, _, reason, *_, computed = ANSWER_HEAD.unpack_from(self._kept)[5:]
+        _, drawn, status, _, reason, *_, computed = ANSWER_HEAD.unpack_from(self._kept)[5:]
         text = self._reasons.get(reason, "") if reason else ""
         if reason and self._explain:
             words = self._layout.at["text"]
             text = bytes(self._kept[words]).rstrip(b"\0").decode(errors="replace") or text
         return ClientStep(
-            parts["twist"],
+            values[:6],
             _STATUSES[status],
             text,
             True,
             time.perf_counter() - start,
-            parts,
+            values,
+            self._parts,
             self._names,
             computed,
             drawn,
@@ -356,7 +371,7 @@ class Client:
         """Lose the session if so much time has passed that the robot may have done anything."""
         gap = now - self._called
         self._called = now
-        if self._session and gap > float(self.description["longest_dt"]):
+        if self._session and gap > self._longest:
             self._session, self._begin = 0, 0
             self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
 
@@ -364,9 +379,10 @@ class Client:
         """Return the next twist of the last answer's stop."""
         self._followed += 1
         twist = self._stop_twist(self._followed * self._dt_of_answer)
-        parts = {name: self._numbers[at] for name, at in self._parts.items()}
-        took = time.perf_counter() - start
-        return ClientStep(twist, "braking", self._why, False, took, parts, self._names)
+        took, values = time.perf_counter() - start, self._numbers.copy()
+        return ClientStep(
+            twist, "braking", self._why, False, took, values, self._parts, self._names
+        )
 
     def _stop_twist(self, time_s: float) -> np.ndarray:
         """Return the twist of the stop at a time from the answer's own twist on."""
@@ -399,12 +415,12 @@ class Client:
                 return False
         return self._socket is not None
 
-    def _exchange(self, bits: int, dt: float, age: float, start: float) -> int | None:
-        """Send a request; return the kind of the answer if it is a step that came in time."""
+    def _exchange(self, bits: int, dt: float, age: float, start: float) -> bool:
+        """Send a request; return whether its answer is a step that came in time."""
         self._sequence += 1
         begins = self._begin if not self._session else 0
-        if begins == Flag.takes_over:
-            bits |= Flag.twist
+        if begins == _TAKES_OVER:
+            bits |= _TWIST
             self._given["twist"][:] = self._start_twist
         bits |= begins | self._hold | self._again | self._place | self._explain
         REQUEST_HEAD.pack_into(
@@ -412,11 +428,11 @@ class Client:
             0,
             len(self._request),
             VERSION,
-            Ask.step,
+            _STEP,
             self._session,
             self._sequence,
             0 if begins else self._acted,
-            self.description["digest"],
+            self._digest,
             self._followed if not begins else 0,
             bits,
             self._n,
@@ -431,35 +447,32 @@ class Client:
         except OSError:
             return self._lose()
         self._outstanding, self._asked, self._got = self._sequence, bits, 0
-        kind = self._receive(self.timeout - (time.perf_counter() - start))
-        if self._outstanding:
-            self.late += 1
-            self._why = "service: no answer in time"
-            return None
-        if kind != Tell.step:
-            return None
-        if not np.isfinite(self._numbers[:6]).all():
-            return None
+        if not self._receive(self.timeout - (time.perf_counter() - start)):
+            if self._outstanding:
+                self.late += 1
+                self._why = "service: no answer in time"
+            return False
         self._session = HEAD.unpack_from(self._kept)[3]
         self._acted, self._followed, self._begin = self._sequence, 0, 0
-        if bits & Flag.try_again:
+        if bits & _TRY_AGAIN:
             self._again = 0
         self._dt_of_answer = dt
         self._knots = ANSWER_HEAD.unpack_from(self._kept)[-2]
-        return kind
+        return True
 
-    _dt_of_answer = 0.01
-
-    def _receive(self, wait: float) -> int | None:
+    def _receive(self, wait: float) -> bool:
         """Read the answer to the outstanding request, for at most some seconds.
 
         One that is read while nobody waits for it is dropped.
+
+        Returns:
+            Whether it is a step.
         """
         until = time.perf_counter() + wait
         while True:
             left = until - time.perf_counter()
             if not self._poll.poll(max(0.0, 1e3 * left)):
-                return None
+                return False
             try:
                 count = self._socket.recv_into(self._into[self._got :]) if self._socket else 0
             except BlockingIOError:
@@ -482,26 +495,34 @@ class Client:
                 return self._lose()
             self._outstanding, self._got = 0, 0
             if wait <= 0.0:
-                return None  # late
-            if kind == Tell.step and length == len(self._answer):
+                return False  # late
+            if kind == _TOLD and length == len(self._answer) and self._finite():
                 self._kept[:] = self._answer
-            else:
-                self._not_done(kind, bytes(self._into[ANSWER_HEAD.size : length]))
-            return kind
+                return True
+            self._not_done(kind, bytes(self._into[ANSWER_HEAD.size : length]))
+            return False
+
+    def _finite(self) -> bool:
+        """Return whether the twists of the answer that has arrived are numbers."""
+        return bool(np.isfinite(self._arrived[0]).all() and np.isfinite(self._arrived[1]).all())
 
     def _not_done(self, kind: int, text: bytes) -> None:
         """Note why the service did not carry out a request."""
         self.refused += 1
+        if kind == _TOLD:
+            self._why = "service: the answer holds twists that are no numbers"
+            return
         self._why = "service: " + text.rstrip(b"\0").decode(errors="replace")
         if kind == Tell.unknown:
             self._session, self._begin = 0, 0
             self._why += f": {_ASK}"
 
-    def _lose(self) -> None:
-        """Close a connection that does not work any more."""
+    def _lose(self) -> bool:
+        """Close a connection that does not work any more; return False."""
         self.lost += 1
         self._why = "service: the connection was lost"
         self._disconnect()
+        return False
 
     def _disconnect(self) -> None:
         if self._socket is not None:
@@ -543,6 +564,19 @@ class Client:
         if kind != Tell.described:
             raise ServiceError(f"service: {self._path!r} did not describe its loop: {text or 'no'}")
         return json.loads(text)
+
+
+def _number(value: Any) -> float:
+    """Return a number; NaN, which the step detects, for anything else."""
+    try:
+        return value if type(value) is float else float(value)
+    except (TypeError, ValueError):
+        return float("nan")
+
+
+def _is_one(value: Any) -> bool:
+    """Return whether a flag is 1; any other value enables nothing."""
+    return isinstance(value, (int, float, np.bool_)) and value == 1
 
 
 __all__ = ["Client", "ClientStep", "Mark", "ServiceError"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ergoqp.service.schema import (
     note,
     request_frame,
 )
+from ergoqp.step.answer import Step
 from ergoqp.step.causes import Status
 from ergoqp.step.guide import Guide
 from ergoqp.step.layout import SHORTEST_DT
@@ -31,6 +32,15 @@ from ergoqp.step.stepper import Stepper
 
 _COPIED: Final = ("fault", "residuals")
 """First and last of the outputs of a step that lie beside each other in an answer too."""
+
+# Plain numbers, because those of an enumeration cost ten times as much to compare.
+_FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _EXPLAIN = (
+    int(Flag[name]) for name in ("frame", "pose", "twist", "observed", "enable", "explain")
+)
+_BEGINS: Final = int(Flag.stands | Flag.takes_over)
+_ORDERS: Final = int(Flag.hold | Flag.try_again | Flag.guide | Flag.no_guide | Flag.brake)
+_STEP, _TOLD, _STILL = int(Ask.step), int(Tell.step), int(Mark.still)
+_STATUSES: Final = {status.name: status for status in Status}
 
 _UNKNOWN: Final = (
     "the service does not know what the robot does: report that it stands, or take over by its"
@@ -79,8 +89,8 @@ class Loop:
         self._kept: dict[int, np.ndarray] = {}
         self._braked: tuple[int, int, float, np.ndarray] | None = None
         self._guide: bytes | None = None
-        self._said: tuple[Any, ...] = ()
-        self._text = b""
+        self._said: tuple[int, int, int] | None = None
+        self._text = bytes(TEXT)
         frame = answer_frame(self.coordinates, self.rows)
         self._length, self._out = frame.length, bytearray(frame.length)
         self._view = memoryview(self._out)
@@ -96,7 +106,9 @@ class Loop:
         stepper.warm_up()
         slices = stepper.slices
         self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
-        self._pose_at = slices["pose_used"]
+        self._pose_at, self._rate_at = slices["pose_used"], slices["posture_rate"]
+        self._causes_at = slices["causes"].start
+        self._period, self._ends = 0.0, np.zeros(KNOTS)
 
     def new_request(self) -> Request:
         """Return a buffer for the requests of one client."""
@@ -125,7 +137,7 @@ class Loop:
         wrong = ""
         if version not in SPOKEN:
             wrong = f"version: got {version}, allowed {', '.join(map(str, SPOKEN))}"
-        elif kind != Ask.step:
+        elif kind != _STEP:
             wrong = f"kind: got {kind}, allowed {int(Ask.step)} for a step"
         elif coordinates != self.coordinates or length != request.length:
             wrong = f"posture: got {coordinates} entries, allowed {self.coordinates}"
@@ -135,8 +147,8 @@ class Loop:
             wrong = f"contact: got {contact}, allowed 0"
         if wrong:
             return note(Tell.refused, sequence, wrong, self.session)
-        flags, marks = Flag(0) | bits, 0
-        if bits & (Flag.stands | Flag.takes_over):
+        marks = 0
+        if bits & _BEGINS:
             if wrong := self._begin(request, bits):
                 return note(Tell.refused, sequence, wrong, self.session)
             marks |= Mark.begun
@@ -147,7 +159,7 @@ class Loop:
             return note(Tell.refused, sequence, wrong, self.session)
         elif self._continue_from(acted, followed, dt):
             marks |= Mark.undone
-        return self._step(request, sequence, acted, flags, marks, age, dt)
+        return self._step(request, sequence, acted, bits, marks, age, dt)
 
     def _begin(self, request: Request, bits: int) -> str:
         """Begin anew, at rest or at the measured twist; return why this cannot be."""
@@ -183,56 +195,49 @@ class Loop:
         request: Request,
         sequence: int,
         acted: int,
-        flags: Flag,
+        bits: int,
         marks: int,
         age: float,
         dt: float,
     ) -> memoryview:
         """Return the frame of a step."""
-        stepper, bits = self.stepper, int(flags)
-        if bits & Flag.hold:
-            stepper.hold()
-        if bits & Flag.try_again:
-            stepper.try_again()
-        if self._guided and bits & (Flag.guide | Flag.no_guide):
-            self._lead(request, bits)
+        stepper = self.stepper
+        if bits & _ORDERS:
+            self._obey(request, bits)
         if bits & Flag.brake:
             step = stepper.brake(dt)
         else:
             step = stepper.step(
-                request.posture if bits & Flag.frame else None,
-                request.pose if bits & Flag.pose else None,
-                request.twist if bits & Flag.twist else None,
+                request.posture if bits & _FRAME else None,
+                request.pose if bits & _POSE else None,
+                request.twist if bits & _TWIST else None,
                 dt=dt,
                 age=age,
-                enable=bool(bits & Flag.enable),
-                observed=request.observed if bits & Flag.observed else None,
+                enable=bits & _ENABLE != 0,
+                observed=request.observed if bits & _OBSERVED else None,
             )
-        self._kept = {a: self._kept[a] for a in (acted,) if a in self._kept}
-        self._kept[sequence] = stepper.state()
-        self._sequence = sequence
+        kept = {acted: self._kept[acted]} if acted in self._kept else {}
+        kept[sequence] = stepper.state()
+        self._kept, self._sequence = kept, sequence
         knots = self._write_stop(dt)
         values = step.values
         self._twist[:] = step.twist
         self._pose[...] = values[self._pose_at].reshape(4, 4).T
-        self._rate[:] = step.posture_rate
+        self._rate[:] = values[self._rate_at]
         self._rest[:] = values[self._copied]
-        causes, status = int(step.account("causes")[0]), Status[step.status]
-        code = reason_code(step, status, causes)
-        self.moved = not stepper.still
-        marks |= 0 if self.moved else Mark.still
-        if bits & Flag.explain:
-            key = (status, causes, code)
-            if key != self._said:
-                self._said, text = key, step.reason if code else ""
-                self._text = text.encode()[: TEXT - 1].ljust(TEXT, b"\0")
-            self._out[self._words] = self._text
+        causes, status = int(values[self._causes_at]), _STATUSES[step.status]
+        code = reason_code(step, status, causes) if status or causes else 0
+        self.moved = bool(values[0]) or not stepper.still
+        if not self.moved:
+            marks |= _STILL
+        if bits & _EXPLAIN:
+            self._explain(step, (status, causes, code))
         ANSWER_HEAD.pack_into(
             self._out,
             0,
             self._length,
             VERSION,
-            Tell.step,
+            _TOLD,
             self.session,
             sequence,
             self._engine,
@@ -247,6 +252,22 @@ class Loop:
             step.solve_time,
         )
         return self._view
+
+    def _obey(self, request: Request, bits: int) -> None:
+        """Carry out what a request orders beside the step."""
+        if bits & Flag.hold:
+            self.stepper.hold()
+        if bits & Flag.try_again:
+            self.stepper.try_again()
+        if self._guided and bits & (Flag.guide | Flag.no_guide):
+            self._lead(request, bits)
+
+    def _explain(self, step: Step, key: tuple[int, int, int]) -> None:
+        """Write the reason in words; it is formed anew when its number changes."""
+        if key != self._said:
+            self._said = key
+            self._text = step.reason.encode()[: TEXT - 1].ljust(TEXT, b"\0")
+        self._out[self._words] = self._text
 
     def _lead(self, request: Request, bits: int) -> None:
         """Change the guide, if it is another one than before."""
@@ -264,29 +285,30 @@ class Loop:
 
     def _write_stop(self, dt: float) -> int:
         """Write the certified stop into the answer; return the number of knots."""
-        period = dt if self._usual(dt) else self.stepper.dt
-        twists = self.stepper.stop(period)
-        chosen = chosen_knots(twists)
-        count = len(chosen)
-        self._times[:count] = (chosen + 1) * period
-        self._times[count:] = 0.0
-        self._stop[:count] = twists[chosen]
-        self._stop[count:] = 0.0
+        stepper = self.stepper
+        usual = dt == stepper.dt or SHORTEST_DT <= dt <= stepper.problem.longest_period
+        period = dt if usual else stepper.dt
+        twists = stepper.stop(period)
+        count = len(twists)
+        if count <= KNOTS:
+            if period != self._period:
+                self._period, self._ends = period, period * np.arange(1.0, KNOTS + 1)
+            self._times[:count], self._stop[:count] = self._ends[:count], twists
+        else:
+            chosen = chosen_knots(twists)
+            count = len(chosen)
+            self._times[:count], self._stop[:count] = (chosen + 1) * period, twists[chosen]
+        self._times[count:], self._stop[count:] = 0.0, 0.0
         return count
-
-    def _usual(self, dt: float) -> bool:
-        return SHORTEST_DT <= dt <= self.stepper.problem.longest_period
 
 
 def chosen_knots(twists: np.ndarray) -> np.ndarray:
-    """Return which twists (k, 6) of a stop become its knots: all, or `KNOTS` of them.
+    """Return which twists (k, 6) of a long stop become its knots, at most `KNOTS` of them.
 
     Between knots the stop is a straight line. So they lie close where it bends, and the first and
     the last one always belong to them.
     """
     count = len(twists)
-    if count <= KNOTS:
-        return np.arange(count)
     bends = np.zeros(count)
     bends[1:-1] = np.sqrt(np.abs(twists[2:] - 2 * twists[1:-1] + twists[:-2]).max(axis=1))
     bends[1:] += bends[1:].sum() / (8 * count) + 1e-12

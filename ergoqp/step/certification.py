@@ -415,18 +415,20 @@ def stop_function(model: StepModel) -> Callable[[np.ndarray, float], np.ndarray]
 
     library = shared_library("stop", {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}, [], [])
     call = ctypes.CDLL(str(library)).ergoqp_stop
-    call.restype, numbers = ctypes.c_int, ctypes.POINTER(ctypes.c_double)
-    call.argtypes = [numbers, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]
-    call.argtypes += [numbers, numbers, ctypes.c_int]
+    call.restype, array = ctypes.c_int, ctypes.c_void_p
+    call.argtypes = [array, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]
+    call.argtypes += [array, array, ctypes.c_int]
     problem, history = model.problem, model.history
     acceleration = np.array(problem.twist_limit.acceleration, dtype=float)
-    limits = acceleration.ctypes.data_as(numbers)
     fixed = (history.planned, history.sent, problem.average)
+    most = {problem.dt: longest_stop(problem, problem.dt)}
 
     def stop(state: np.ndarray, dt: float) -> np.ndarray:
-        most = longest_stop(problem, dt)
-        twists = np.empty((most, 6))
-        given, found = (array.ctypes.data_as(numbers) for array in (state, twists))
-        return twists[: call(given, *fixed, dt, limits, found, most)]
+        count = most.get(dt) or longest_stop(problem, dt)
+        twists = np.empty((count, 6))
+        found = call(
+            state.ctypes.data, *fixed, dt, acceleration.ctypes.data, twists.ctypes.data, count
+        )
+        return twists[:found]
 
     return stop

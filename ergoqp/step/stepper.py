@@ -524,7 +524,7 @@ class Stepper:
             InputError: if `dt` is out of range.
         """
         period = self.dt if dt is None else dt
-        if not SHORTEST_DT <= period <= self.problem.longest_period:
+        if period != self.dt and not SHORTEST_DT <= period <= self.problem.longest_period:
             allowed = f"{SHORTEST_DT:g} to {self.problem.longest_period:g}"
             raise InputError(f"dt: got {shown(dt)}, allowed {allowed} s")
         ready, twists = self._ready, []

@@ -1,0 +1,22 @@
+"""One service for all tests that only need one to answer."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from service_running import Running, running
+
+
+@pytest.fixture(scope="session")
+def service() -> Iterator[Running]:
+    """A service with the loops ``screwing`` and ``overhead``; a test leaves them at rest."""
+    # The path of a socket must be short.
+    with (
+        tempfile.TemporaryDirectory(prefix="eqp") as folder,
+        running(Path(folder) / "s", "screwing", "overhead", "--interpreted") as found,
+    ):
+        found.client().close()
+        yield found

@@ -1,0 +1,329 @@
+"""The client in Python against a running service, and against servers that lie."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from service_running import Running, running
+
+import ergoqp
+from ergoqp.service.client import Client, ClientStep, ServiceError
+from ergoqp.service.schema import ANSWER_HEAD, HEAD, REQUEST_HEAD, Tell, answer_frame, note
+from ergoqp.step.stepper import Stepper
+
+PROBLEM = ergoqp.load_problem("screwing")
+START = np.array(PROBLEM.response.comfort)
+START[ergoqp.JOINTS.index("right_shoulder_flexion")] = 1.3
+START[ergoqp.JOINTS.index("right_elbow_flexion")] = 0.5
+
+
+@pytest.fixture
+def client(service: Running) -> Iterator[Client]:
+    with service.client() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def stepper() -> Stepper:
+    return Stepper(PROBLEM)
+
+
+def test_it_gives_the_steps_of_a_stepper(client: Client, stepper: Stepper) -> None:
+    stepper.reset()
+    client.reset()
+    posture = START.copy()
+    for number in range(30):
+        more: dict[str, Any] = {"observed": np.arange(32) != number} if number % 3 == 1 else {}
+        if number == 7:
+            posture = posture.tolist()
+        mine, theirs = client.step(posture, **more), stepper.step(posture, **more)
+        assert mine.fresh
+        for name in ("status", "drawn", "cost", "gain", "margins", "residuals", "locked", "active"):
+            assert getattr(mine, name) == getattr(theirs, name), name
+        assert mine.slack == theirs.slack
+        for name in ("twist", "pose", "posture_rate"):
+            np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name))
+        posture = np.array(posture) + 0.01 * mine.posture_rate
+    assert client.step(None).reason == stepper.step(None).reason == "no posture arrived"
+    assert client.step(posture, enable="no").status == "braking"
+    assert "asked to brake" in client.brake().reason
+    stop = client.stop()
+    assert len(stop) > 3
+    assert not stop[-1].any()
+
+
+def test_no_input_raises(client: Client) -> None:
+    client.reset()
+    for bad in ("text", [1, 2], object(), np.full(32, np.inf), {"a": 1}, np.zeros((32, 1)), 3):
+        for step in (client.step(bad), client.step(START, pose=bad), client.step(START, twist=bad)):
+            assert step.fresh
+            assert step.status == "invalid", bad
+            assert not step.twist.any()
+    for more in ({"dt": "x"}, {"age": None}, {"dt": np.nan}, {"age": -5}, {"observed": [2] * 32}):
+        assert client.step(START, **more).status == "invalid", more
+
+
+def test_it_does_not_move_a_robot_that_nobody_reported(client: Client) -> None:
+    assert client.waits
+    step = client.step(START)
+    assert not step.fresh
+    assert not step.twist.any()
+    assert "reset()" in step.reason
+    client.reset()
+    assert client.step(START).fresh
+    assert not client.waits
+
+
+def test_it_takes_over_by_the_measured_twist(client: Client, stepper: Stepper) -> None:
+    twist = np.array([0.05, 0, -0.05, 0, 0.1, 0])
+    with pytest.raises(ergoqp.errors.InputError, match="twist"):
+        client.reset(twist=[1, 2, np.nan, 0, 0, 0])
+    client.reset(twist)
+    stepper.reset(twist)
+    found = client.step(START).twist
+    np.testing.assert_array_equal(found, stepper.step(START, twist=twist).twist)
+
+
+def test_after_a_pause_it_asks_what_the_robot_did(client: Client) -> None:
+    client.reset()
+    for _ in range(5):
+        client.step(START)
+    time.sleep(0.2)
+    step = client.step(START)
+    assert not step.fresh
+    assert "passed between two calls" in step.reason
+    assert client.waits
+
+
+def test_a_loop_has_one_commander(service: Running, client: Client) -> None:
+    client.reset()
+    assert client.step(START).fresh
+    with service.client() as second:
+        second.reset()
+        step = second.step(START)
+        assert not step.fresh
+        assert not step.twist.any()
+        assert f"commanded by process {os.getpid()}" in step.reason
+        assert client.step(START).fresh
+        client.close()
+        until = time.monotonic() + 5
+        while not second.step(START).fresh:
+            assert time.monotonic() < until
+
+
+def test_what_is_not_there_is_said(tmp_path: Path, service: Running) -> None:
+    with pytest.raises(ServiceError, match=r"nobody answers at '.*/no.sock'; start `ergoqp serve`"):
+        Client(tmp_path / "no.sock")
+    with pytest.raises(ergoqp.errors.InputError, match="dt"):
+        service.client(dt=5.0)
+    with (
+        service.client() as client,
+        pytest.raises(ergoqp.errors.InputError, match="started without"),
+    ):
+        client.guide(np.eye(4))
+
+
+def moving(client: Client, stepper: Stepper) -> np.ndarray:
+    """Step until the object moves; return the posture."""
+    client.reset()
+    stepper.reset()
+    posture = START.copy()
+    for _ in range(25):
+        step = client.step(posture)
+        stepper.step(posture)
+        posture = posture + 0.01 * step.posture_rate
+    assert np.abs(step.twist).max() > 0.02
+    return posture
+
+
+@pytest.fixture
+def own_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    with running(tmp_path_factory.mktemp("s"), "screwing", "--interpreted") as found:
+        yield found
+
+
+@pytest.mark.slow
+def test_a_worker_that_hangs_or_dies_leaves_the_certified_stop(
+    own_service: Running, stepper: Stepper
+) -> None:
+    stepper.warm_up()
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        client = own_service.client(timeout=0.2)
+        posture = moving(client, stepper)
+        expected, pid = stepper.stop(), client.description["health"]["pid"]
+        os.kill(pid, number)
+        client._longest = 60.0  # the machine of a test may be slow
+        client.timeout = 0.005
+        for twist in expected:
+            step = client.step(posture)
+            assert (step.fresh, step.status) == (False, "braking")
+            np.testing.assert_array_equal(step.twist, twist)
+        assert not client.step(posture).twist.any()
+        if number == signal.SIGSTOP:
+            # It goes on from what the robot executed: the whole stop.
+            os.kill(pid, signal.SIGCONT)
+            until = time.monotonic() + 20
+            while not (step := client.step(posture)).fresh:
+                assert time.monotonic() < until
+                assert not step.twist.any()
+            assert step.status != "braking"
+        else:
+            # Another worker knows nothing of the robot.
+            until = time.monotonic() + 20
+            while not client.waits:
+                assert time.monotonic() < until
+                assert not client.step(posture).twist.any()
+                time.sleep(0.01)
+            client.timeout = 1.0
+            client.reset()
+            assert client.step(posture).fresh
+        client.close()
+
+
+@contextmanager
+def lying(path: Path, answer: Callable[[bytes], bytes | None], client: Client) -> Iterator[None]:
+    """A server that answers as it is told; ``client`` gets it in place of its service."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener.bind(str(path))
+    listener.listen(4)
+    listener.settimeout(0.1)
+    ended = threading.Event()
+
+    def serve() -> None:
+        while not ended.is_set():
+            try:
+                connection, _ = listener.accept()
+            except TimeoutError:
+                continue
+            connection.settimeout(0.1)
+            while not ended.is_set():
+                try:
+                    asked = connection.recv(65536)
+                except TimeoutError:
+                    continue
+                except OSError:
+                    break
+                if not asked:
+                    break
+                if (told := answer(asked)) is None:
+                    break
+                connection.sendall(told)
+            connection.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    client.close()
+    client._path = str(path)
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        listener.close()
+
+
+def truth(client: Client, asked: bytes) -> bytearray:
+    """An answer that a client takes, with the twist 0.1."""
+    n, rows = len(client.description["coordinates"]), len(client.description["rows"])
+    layout = answer_frame(n, rows)
+    frame = bytearray(layout.length)
+    sequence = HEAD.unpack_from(asked)[4]
+    ANSWER_HEAD.pack_into(
+        frame, 0, len(frame), 1, Tell.step, 77, sequence, 0, 0, 0, 0, 0, 0, n, rows, 1, 0.0
+    )
+    layout.numbers(frame, "twist")[:] = 0.1
+    layout.numbers(frame, "times")[0] = 0.01
+    return frame
+
+
+def with_twist(frame: bytearray, client: Client, value: float) -> bytes:
+    n, rows = len(client.description["coordinates"]), len(client.description["rows"])
+    answer_frame(n, rows).numbers(frame, "twist")[2] = value
+    return bytes(frame)
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        lambda c, a: os.urandom(500),
+        lambda c, a: b"HTTP/1.1 200 OK\r\n\r\n",
+        lambda c, a: b"",
+        lambda c, a: None,
+        lambda c, a: bytes(truth(c, a))[:-9],
+        lambda c, a: b"more" + bytes(truth(c, a)),
+        lambda c, a: with_twist(truth(c, a), c, np.nan),
+        lambda c, a: with_twist(truth(c, a), c, np.inf),
+        lambda c, a: HEAD.pack(1 << 31, 1, 2, 77, 1),
+        lambda c, a: HEAD.pack(3, 1, 2, 77, 1),
+        lambda c, a: truth(c, a).replace(b"\x01\x00\x02\x00", b"\x09\x00\x02\x00", 1),
+        lambda c, a: note(Tell.refused, HEAD.unpack_from(a)[4], "no"),
+        lambda c, a: note(Tell.unknown, HEAD.unpack_from(a)[4], "who?"),
+        lambda c, a: note(Tell.described, HEAD.unpack_from(a)[4], "{}"),
+        lambda c, a: bytes(truth(c, HEAD.pack(24, 1, 2, 0, 12345))),
+    ],
+)
+def test_an_answer_that_is_none_moves_nothing(
+    service: Running, tmp_path: Path, lie: Callable[[Client, bytes], bytes | None]
+) -> None:
+    client = service.client()
+    client.timeout = 0.1
+    with lying(tmp_path / "l", lambda asked: lie(client, asked), client):
+        for _ in range(3):
+            client.reset()
+            step: ClientStep = client.step(START)
+            assert not step.fresh
+            assert not step.twist.any()
+            assert step.reason
+    client.close()
+
+
+def test_what_comes_behind_an_answer_is_never_taken_for_the_next(
+    service: Running, tmp_path: Path
+) -> None:
+    for more in (1, 3):
+        client = service.client()
+        client.timeout, client._longest = 0.1, 60.0
+        with lying(
+            tmp_path / str(more), lambda a, c=client, k=more: bytes(truth(c, a)) * (1 + k), client
+        ):
+            client.reset()
+            assert client.step(START).fresh
+            assert not client.step(START).fresh
+            assert client.refused == 1
+        client.close()
+
+
+def test_a_late_answer_is_never_taken_for_the_next(service: Running, tmp_path: Path) -> None:
+    client, delays = service.client(), iter([0.0, 0.3, 0.0, 0.0, 0.0])
+
+    def slow(asked: bytes) -> bytes:
+        time.sleep(next(delays))
+        return bytes(truth(client, asked))
+
+    client.timeout = client._longest = 0.1
+    with lying(tmp_path / "l", slow, client):
+        client.reset()
+        assert client.step(START).fresh
+        client._longest = 60.0
+        late = client.step(START)
+        assert not late.fresh
+        assert client.late == 1
+        assert client._outstanding == 2
+        np.testing.assert_array_equal(late.twist, 0.0)  # the only knot of its stop
+        time.sleep(0.4)
+        step = client.step(START)
+        assert step.fresh
+        assert (client._acted, client._sequence, client._followed) == (3, 3, 0)
+        said = REQUEST_HEAD.unpack_from(client._request)
+        assert (said[5], said[7]) == (1, 1)  # it acted on the first answer, and one period more
+    client.close()

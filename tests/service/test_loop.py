@@ -1,0 +1,324 @@
+"""The service's loop: after any request its state is what the robot has executed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ergoqp
+from ergoqp.service.loop import Loop, Request, chosen_knots
+from ergoqp.service.schema import (
+    ANSWER,
+    ANSWER_HEAD,
+    KNOTS,
+    REQUEST_HEAD,
+    VERSION,
+    Ask,
+    Flag,
+    Mark,
+    Tell,
+    answer_frame,
+)
+from ergoqp.step.causes import Cause, Status
+from ergoqp.step.stepper import Stepper
+
+_HEAD_NAMES = [field.name for field in ANSWER[: len(ANSWER_HEAD.unpack(bytes(ANSWER_HEAD.size)))]]
+USUAL = Flag.frame | Flag.enable
+
+
+class Answer:
+    """An answer as a client reads it, by the declared layout alone."""
+
+    def __init__(self, frame: bytes, coordinates: int, rows: int) -> None:
+        for name, value in zip(_HEAD_NAMES, ANSWER_HEAD.unpack_from(frame), strict=True):
+            setattr(self, name, value)
+        if self.kind == Tell.step:
+            layout = answer_frame(coordinates, rows)
+            for field in layout.fields:
+                if field.kind == "f64" and field.name != "computed":
+                    setattr(self, field.name, layout.numbers(frame, field.name))
+            self.text = frame[layout.at["text"]].rstrip(b"\0").decode()
+        else:
+            self.text = frame[ANSWER_HEAD.size :].rstrip(b"\0").decode()
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(name)
+
+
+class Talk:
+    """A client of a loop in the same process, which says what it is told to say."""
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop, self.request, self.sequence = loop, Request(loop.coordinates), 0
+
+    def ask(
+        self,
+        posture: Any = None,
+        bits: int = 0,
+        *,
+        acted: int = 0,
+        followed: int = 0,
+        session: int | None = None,
+        sequence: int | None = None,
+        dt: float = 0.01,
+        age: float = 0.0,
+        version: int = VERSION,
+        kind: int = Ask.step,
+        problem: int = 0,
+        coordinates: int | None = None,
+        contact: int = 0,
+        **arrays: Any,
+    ) -> Answer:
+        self.sequence = self.sequence + 1 if sequence is None else sequence
+        request = self.request
+        REQUEST_HEAD.pack_into(
+            request.buffer,
+            0,
+            request.length,
+            version,
+            kind,
+            self.loop.session if session is None else session,
+            self.sequence,
+            acted,
+            problem,
+            followed,
+            bits,
+            self.loop.coordinates if coordinates is None else coordinates,
+            contact,
+            age,
+            dt,
+        )
+        if posture is not None:
+            request.posture[:] = posture
+        for name, values in arrays.items():
+            getattr(request, name)[...] = values
+        frame = bytes(self.loop.answer(request))
+        return Answer(frame, self.loop.coordinates, self.loop.rows)
+
+
+PROBLEM = ergoqp.load_problem("screwing")
+START = np.array(PROBLEM.response.comfort)
+START[ergoqp.JOINTS.index("right_shoulder_flexion")] = 1.3
+START[ergoqp.JOINTS.index("right_elbow_flexion")] = 0.5
+
+
+@pytest.fixture(scope="module")
+def made() -> Stepper:
+    stepper = Stepper(PROBLEM)
+    stepper.warm_up()
+    return stepper
+
+
+@pytest.fixture
+def talk(made: Stepper) -> Talk:
+    return Talk(Loop("screwing", made.sibling(), digest=7))
+
+
+def test_an_answer_is_the_step_of_a_stepper_to_the_last_bit(talk: Talk, made: Stepper) -> None:
+    own, posture, acted, step = made.sibling(), START.copy(), 0, None
+    for number in range(40):
+        seen = np.ones(32)
+        seen[number % 32] = 0.0
+        # A pose that is measured now and then, and a wrong one.
+        pose = np.eye(4) if number == 20 else step.pose if step and number % 7 == 3 else None
+        step = own.step(posture, pose, observed=seen.astype(bool), age=0.01)
+        bits = USUAL | Flag.observed | (Flag.stands if not acted else 0) | Flag.explain
+        more = {} if pose is None else {"pose": pose}
+        answer = talk.ask(
+            posture, bits | (Flag.pose if more else 0), acted=acted, observed=seen, age=0.01, **more
+        )
+        assert answer.kind == Tell.step
+        assert Status(answer.status).name == step.status
+        np.testing.assert_array_equal(answer.twist, step.twist)
+        np.testing.assert_array_equal(answer.pose.reshape(4, 4), step.pose)
+        np.testing.assert_array_equal(answer.posture_rate, step.posture_rate)
+        np.testing.assert_array_equal(answer.margins, list(step.margins.values()))
+        np.testing.assert_array_equal(answer.residuals, list(step.residuals.values()))
+        for name in ("slack", "multipliers", "locked", "outside", "frames", "fault"):
+            np.testing.assert_array_equal(getattr(answer, name), step.account(name))
+        assert (answer.cost, answer.gain) == (step.cost, step.gain)
+        assert answer.causes == int(step.account("causes")[0])
+        if answer.reason:
+            assert answer.text == step.reason
+        stop = own.stop()
+        assert answer.knots == len(stop)
+        np.testing.assert_array_equal(answer.stop.reshape(-1, 6)[: len(stop)], stop)
+        np.testing.assert_array_equal(answer.times[: len(stop)], 0.01 * np.arange(1, len(stop) + 1))
+        posture, acted = posture + 0.01 * step.posture_rate, answer.sequence
+
+
+def test_nothing_moves_until_the_robot_is_reported(talk: Talk) -> None:
+    for session in (0, 1, 12345):
+        answer = talk.ask(START, USUAL, session=session)
+        assert answer.kind == Tell.unknown
+        assert "report that it stands" in answer.text
+    assert talk.ask(START, USUAL | Flag.stands).kind == Tell.step
+
+
+def test_a_moving_robot_is_taken_over_by_its_measured_twist(talk: Talk, made: Stepper) -> None:
+    twist = np.array([0.05, 0, -0.05, 0, 0.1, 0])
+    assert talk.ask(START, USUAL | Flag.takes_over).kind == Tell.refused
+    bad = np.where(np.arange(6) == 2, np.nan, twist)
+    assert talk.ask(START, USUAL | Flag.takes_over | Flag.twist, twist=bad).kind == Tell.refused
+    answer = talk.ask(START, USUAL | Flag.takes_over | Flag.twist, twist=twist)
+    assert answer.marks & Mark.begun
+    own = made.sibling()
+    own.reset(twist)
+    np.testing.assert_array_equal(answer.twist, own.step(START, twist=twist).twist)
+
+
+def run(talk: Talk, own: Stepper, plan: list[tuple[int, int]]) -> None:
+    """Lose answers as planned; the loop goes on as a stepper that made only what was executed.
+
+    Each entry: how many answers in a row are lost, and how many periods of the stop the robot
+    executes besides (a client that was not called).
+    """
+    posture = START.copy()
+    step = own.step(posture)
+    answer = talk.ask(posture, USUAL | Flag.stands)
+    acted = answer.sequence
+    for lost, more in plan:
+        posture = posture + 0.01 * step.posture_rate
+        followed = more
+        for _ in range(lost):
+            talk.ask(posture + 0.3, USUAL, acted=acted, followed=followed)
+            followed += 1
+        for _ in range(followed):
+            own.brake(0.01)
+        step = own.step(posture)
+        answer = talk.ask(posture, USUAL, acted=acted, followed=followed)
+        assert answer.kind == Tell.step
+        assert bool(answer.marks & Mark.undone) == bool(followed)
+        np.testing.assert_array_equal(answer.twist, step.twist)
+        np.testing.assert_array_equal(talk.loop.stepper.state(), own.state())
+        acted = answer.sequence
+
+
+def test_answers_that_were_not_executed_are_taken_back(talk: Talk, made: Stepper) -> None:
+    run(talk, made.sibling(), [(0, 0)] * 20 + [(1, 0), (0, 0), (3, 0), (0, 2), (2, 5), (0, 0)])
+    assert talk.loop.undone == 6
+
+
+@settings(max_examples=30, deadline=None)
+@given(plan=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 4)), min_size=1, max_size=25))
+def test_whatever_is_lost_the_state_is_what_was_executed(
+    made: Stepper, plan: list[tuple[int, int]]
+) -> None:
+    run(Talk(Loop("screwing", made.sibling())), made.sibling(), plan)
+
+
+def test_a_stop_of_an_hour_costs_no_more_than_the_stop(talk: Talk, made: Stepper) -> None:
+    """The robot has followed the whole stop, and stood: braking on changes nothing but ages."""
+    posture, acted = START.copy(), 0
+    for _ in range(30):
+        answer = talk.ask(posture, USUAL | (Flag.stands if not acted else 0), acted=acted)
+        posture, acted = posture + 0.01 * answer.posture_rate, answer.sequence
+    calls = []
+    brake = talk.loop.stepper.brake
+    talk.loop.stepper.brake = lambda *a: calls.append(1) or brake(*a)  # type: ignore[method-assign]
+    answer = talk.ask(posture, USUAL, acted=acted, followed=360_000)
+    assert answer.kind == Tell.step
+    assert answer.marks & Mark.undone
+    assert len(calls) <= answer.knots + 60
+    # The same again: what was braked is not braked again.
+    calls.clear()
+    talk.ask(posture, USUAL, acted=acted, followed=360_001)
+    assert len(calls) <= 1
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "words"),
+    [
+        ({"version": 0}, Tell.refused, "version: got 0"),
+        ({"version": 2}, Tell.refused, "version: got 2"),
+        ({"kind": 3}, Tell.refused, "kind: got 3"),
+        ({"coordinates": 31}, Tell.refused, "posture: got 31 entries, allowed 32"),
+        ({"problem": 8}, Tell.refused, "the problem of this loop was replaced"),
+        ({"contact": 1}, Tell.refused, "contact: got 1"),
+        ({"sequence": 1}, Tell.refused, "sequence: got 1 again"),
+        ({"acted": 99}, Tell.unknown, "does not know"),
+        ({"acted": 0}, Tell.unknown, "does not know"),
+        ({"session": 3}, Tell.unknown, "does not know"),
+        ({"session": 0}, Tell.unknown, "does not know"),
+    ],
+)
+def test_a_request_that_is_none_of_this_loop_changes_nothing(
+    talk: Talk, given: dict[str, int], kind: Tell, words: str
+) -> None:
+    first = talk.ask(START, USUAL | Flag.stands)
+    before = talk.loop.stepper.state()
+    given = {"acted": first.sequence} | given
+    answer = talk.ask(START, USUAL, **given)
+    assert answer.kind == kind
+    assert words in answer.text
+    np.testing.assert_array_equal(talk.loop.stepper.state(), before)
+    # The loop goes on for the client that knows better.
+    talk.sequence = max(talk.sequence, 5)
+    assert talk.ask(START, USUAL, acted=first.sequence, problem=7).kind == Tell.step
+
+
+def test_bad_numbers_give_the_step_of_bad_numbers(talk: Talk) -> None:
+    acted = talk.ask(START, USUAL | Flag.stands).sequence
+    for _ in range(10):
+        acted = talk.ask(START, USUAL, acted=acted).sequence
+    nan = np.full(32, np.nan)
+    for one, cause in [
+        ({"posture": nan}, Cause.posture),
+        ({"posture": START, "age": np.nan}, Cause.age),
+        ({"posture": START, "age": 9.0}, Cause.too_old),
+        ({"posture": START, "dt": np.nan}, Cause.dt),
+        ({"posture": START, "dt": -1.0}, Cause.dt),
+        ({"posture": START, "dt": 5.0}, Cause.dt),
+        ({"posture": START, "dt": 0.5}, Cause.long_period),
+        ({"posture": START, "pose": np.inf, "bits": USUAL | Flag.pose}, Cause.pose),
+        ({"posture": START, "twist": np.nan, "bits": USUAL | Flag.twist}, Cause.twist),
+        ({"posture": START, "observed": 0.5, "bits": USUAL | Flag.observed}, Cause.posture),
+    ]:
+        answer = talk.ask(**({"bits": USUAL, "acted": acted} | one))
+        assert answer.kind == Tell.step
+        assert answer.causes >> cause & 1
+        assert np.isfinite(answer.stop).all()
+        assert answer.knots
+        acted = answer.sequence
+        assert talk.ask(START, 0, acted=acted).causes >> Cause.disabled & 1
+        acted = talk.sequence
+
+
+def test_hold_and_try_again_are_those_of_the_stepper(talk: Talk) -> None:
+    acted = talk.ask(START, USUAL | Flag.stands).sequence
+    for _ in range(5):
+        acted = talk.ask(START, USUAL, acted=acted).sequence
+    for _ in range(60):
+        answer = talk.ask(START, USUAL | Flag.hold, acted=acted)
+        acted = answer.sequence
+    assert not answer.twist.any()
+    assert answer.marks & Mark.still
+    held = talk.ask(START, USUAL | Flag.explain, acted=acted)
+    assert "held" in held.text
+    again = talk.ask(START, USUAL | Flag.try_again, acted=held.sequence)
+    assert again.twist.any()
+    assert not again.marks & Mark.still
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.001])
+def test_the_knots_are_the_stop_to_a_micrometre(dt: float) -> None:
+    """Where a stop has more twists than knots, the lines between these stay beside it."""
+    stepper = Stepper(PROBLEM, dt=dt)
+    stepper.warm_up()
+    stepper.reset(twist=PROBLEM.twist_limit.speed * [0.9, -0.5, 1, 0.4, -1, 0.2])
+    stepper.step(START)
+    twists = stepper.stop()
+    chosen = chosen_knots(twists)
+    assert len(chosen) <= KNOTS < len(twists)
+    assert chosen[0] == 0
+    assert chosen[-1] == len(twists) - 1
+    periods = np.arange(len(twists))
+    lines = np.array([np.interp(periods, chosen, twists[chosen, i]) for i in range(6)]).T
+    assert np.abs(lines - twists).max() < 5e-5
+    assert np.abs(np.cumsum(lines - twists, axis=0)).max() * dt < 1e-6
+    steepest = np.abs(np.diff(lines, axis=0)).max(axis=0) / dt
+    assert (steepest <= np.array(PROBLEM.twist_limit.acceleration) * (1 + 1e-9)).all()
