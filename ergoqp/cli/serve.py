@@ -15,16 +15,25 @@ from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
 from ergoqp.service.stdio import serve_stdio
 from ergoqp.service.supervisor import Supervisor, say
+from ergoqp.service.tcp import read_port
 
 ABOUT = """Serve the control step of problems to other processes.
 
-Each problem is a loop with a socket, for the clients in Python and C. The service ends by Ctrl-C.
+Each problem is a loop with a socket, for the clients in Python and C, and one socket, json.sock,
+takes lines of JSON for all loops. The service ends by Ctrl-C.
 
 \b
 Examples:
   ergoqp serve screwing
   ergoqp serve screwing overhead --loops 4 --fifo 20
+  ergoqp serve screwing --tcp 5555
   ergoqp serve --schema
+
+\b
+The first twist in a shell, by two commands:
+  pip install ergoqp
+  echo '{"step": {"standing": true, "posture": {"trunk_flexion_deg": 20, "neck_flexion_deg": 5,
+    ...}}}' | ergoqp serve screwing --stdio
 """
 
 
@@ -57,6 +66,14 @@ def command(
             "DIR", "Private folder of the sockets [runtime directory].", "--dir", parser=folder_of
         ),
     ] = None,
+    tcp: Annotated[
+        str | None,
+        option(
+            "PORT",
+            "Serve lines of JSON and frames by TCP too, to programs of this machine that send the"
+            " token of the file tcp.token [no TCP].",
+        ),
+    ] = None,
     stdio: Annotated[
         bool,
         option(
@@ -81,6 +98,7 @@ def command(
     _check("--loops", loops, 1, 256)
     _check("--workers", workers, 1, 64)
     _check("--fifo", fifo, 1, 99)
+    port = None if tcp is None else read_port(tcp)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
     served_problems = [served(name, dt, loops) for name in problems]
@@ -88,12 +106,21 @@ def command(
     for each in served_problems:
         each.prepare(bool(compiled))
     if stdio:
+        _check_alone(tcp=tcp, workers=workers, fifo=fifo, dir=folder)
         serve_stdio(served_problems)
         return
     where = private_folder(folder)
     supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo)
     for name in supervisor.listeners:
         say(f"loop {name} at {where / name}.sock")
+    try:
+        for said in supervisor.open_json_door(port):
+            say(said)
+    except InputError as error:
+        if port is not None:
+            raise
+        # Another service of this folder has it; the loops have their own sockets.
+        say(f"no lines of JSON: {error}")
     if compiled is None:
         supervisor.compile_beside()
     supervisor.run()
@@ -102,6 +129,13 @@ def command(
 def _check(name: str, value: int | None, least: int, most: int) -> None:
     if value is not None and not least <= value <= most:
         raise InputError(f"{name}: got {value}, allowed {least} to {most}")
+
+
+def _check_alone(**others: object) -> None:
+    """Refuse options of sockets beside ``--stdio``."""
+    for name, value in others.items():
+        if value is not None:
+            raise InputError(f"--{name}: got {str(value)!r}, allowed only without --stdio")
 
 
 def _check_names(problems: list[Served]) -> None:

@@ -113,6 +113,11 @@ class Command:
         self._session, self._sequence, self._acted = 0, 0, 0
         self._answered, self._period, self._lasts = 0.0, 0.0, 0.0
 
+    @property
+    def begun(self) -> bool:
+        """Whether the loop takes the steps."""
+        return self._session != 0
+
     def step(self, said: dict[str, Any]) -> dict[str, Any]:
         """Return the answer to a step.
 

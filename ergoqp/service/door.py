@@ -130,8 +130,8 @@ class Handler:
 
     @property
     def commands(self) -> str | None:
-        """Name of the loop that this connection has sent steps to."""
-        return self._command and self._command.loop
+        """Name of the loop that takes this connection's steps; None: no loop does."""
+        return self._command.loop if self._command is not None and self._command.begun else None
 
     def answer(self, line: bytes) -> Answer:
         """Return the answer to a line. It never raises."""
@@ -144,7 +144,8 @@ class Handler:
         except LineError as error:
             return Answer(told | {"error": str(error)}, bad=True)
         except ErgoqpError as error:
-            return Answer(told | {"error": str(error)})
+            words = str(error).replace(":\n  ", ": ").replace("\n  ", "; ")  # a list of mistakes
+            return Answer(told | {"error": words})
         except Exception as error:  # a fault of the service must not end the connection's loop
             kind = type(error).__name__
             return Answer(told | {"error": f"internal fault, {kind}: {error}; please report it"})
@@ -202,11 +203,14 @@ class Handler:
         )
         unseen = np.isnan(given)
         low, high = np.where(unseen, LOWER, given), np.where(unseen, UPPER, given)
-        # The posture itself is not scored where a joint is not seen: it may be any of those between.
-        found = reba.assess(np.where(unseen, (LOWER + UPPER) / 2, given), low=low, high=high, **options)
-        known = ~unseen.any(axis=1)
+        # Where a joint is not seen, the posture may be any of those between.
+        likely = np.where(unseen, (LOWER + UPPER) / 2, given)
+        found = reba.assess(likely, low=low, high=high, **options)
+        finals: list[int | None] = found.final.tolist()
+        for i in np.flatnonzero(unseen.any(axis=1)):
+            finals[i] = None
         return {
-            "final": [int(each) if seen else None for each, seen in zip(found.final, known, strict=True)],
+            "final": finals,
             "final_low": found.final_low.tolist(),
             "final_high": found.final_high.tolist(),
             "reasons": [found.reasons(i) for i in range(len(rows))],
@@ -254,8 +258,8 @@ class Handler:
         """Return the loop that a request is for."""
         names, loop = self._loops.names, said.get("loop") if isinstance(said, dict) else None
         if loop is None:
-            if self.commands is not None:
-                return self.commands
+            if self._command is not None:
+                return self._command.loop
             if len(names) == 1:
                 return names[0]
             raise LineError(f'{verb}: got no "loop", allowed {", ".join(names)}')

@@ -127,8 +127,8 @@ class SocketLink:
         except OSError:
             self.close()
             raise LinkError(
-                f"loop {self._loop}: gave no answer within {PATIENCE:g} s, or ended; report what the"
-                ' robot did with "followed" or "standing"'
+                f"loop {self._loop}: gave no answer within {PATIENCE:g} s, or ended; say what the"
+                ' robot did by "followed" or "standing"'
             ) from None
 
     def close(self) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from ergoqp.arguments import shown
 from ergoqp.errors import InputError, ProblemError
@@ -16,9 +17,16 @@ from ergoqp.service.served import Served, check_name, served_text
 LONGEST_PROBLEM: Final = 64_000
 """Longest text of a problem [bytes]."""
 
+LONGEST_PACKET: Final = LONGEST_PROBLEM + 1000
+"""Longest packet between door and supervisor [bytes]."""
+
 MOST_LOADED: Final = 8
 """Most problems that are served by text at once."""
 
+Own: TypeAlias = Mapping[tuple[str, str], frozenset[str]]
+"""Texts that the tables of each own term may hold, by part and name of the term."""
+
+_LONGEST_WORDS: Final = 2000
 _MODEL: Final = re.compile(r"[A-Za-z0-9_-]{1,100}")
 _MODELS: Final = (("response", "gmr"), ("cost", "learned"), ("limits", "one_class_boundary"))
 """Terms with a model."""
@@ -31,13 +39,12 @@ class Text:
     Attributes:
         name: name of the problem and of its loop.
         text: the problem file.
-        own: texts that the tables of each own term may hold, by part and name; terms that are not
-            named are not allowed.
+        own: own terms that it may have.
     """
 
     name: str
     text: str
-    own: Mapping[tuple[str, str], frozenset[str]] = field(default_factory=dict)
+    own: Own = field(default_factory=dict)
 
     @property
     def loop_names(self) -> list[str]:
@@ -86,7 +93,7 @@ def _check_files(raw: Mapping[str, Any]) -> None:
             )
 
 
-def _check_own(raw: Mapping[str, Any], own: Mapping[tuple[str, str], frozenset[str]]) -> None:
+def _check_own(raw: Mapping[str, Any], own: Own) -> None:
     """Refuse the users' terms that the service was not started with, and unknown texts in them."""
     for part, name in own_names(raw):
         if (part, name) not in own:
@@ -118,3 +125,32 @@ def _texts(value: Any) -> Iterable[str]:
     elif isinstance(value, list):
         for each in value:
             yield from _texts(each)
+
+
+def pack_load(number: int, name: str, text: str) -> bytes:
+    """Return the packet by which the door asks the supervisor to serve a problem."""
+    return f"{number}\0{name}\0{text}".encode()
+
+
+def unpack_load(packet: bytes) -> tuple[int, str, str]:
+    """Return number, name and text of such a packet.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    number, name, text = packet.decode().split("\0", 2)
+    return int(number), name, text
+
+
+def pack_outcome(number: int, words: str) -> bytes:
+    """Return the packet that says why a problem is not served, or nothing if it is."""
+    return json.dumps([number, words[:_LONGEST_WORDS]]).encode()
+
+
+def unpack_outcome(packet: bytes) -> tuple[int, str]:
+    """Return number and words of such a packet; number 0 if it is none."""
+    try:
+        number, words = json.loads(packet)
+    except ValueError:
+        return 0, ""
+    return number, words

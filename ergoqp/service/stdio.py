@@ -27,6 +27,7 @@ class OwnLoops:
         self._own = own_terms(problems)
         self._served: dict[str, Served] = {}
         self._loops: dict[str, Loop] = {}
+        self._links: dict[str, DirectLink] = {}
         self._loaded: set[str] = set()
         for each in problems:
             self._add(each)
@@ -38,7 +39,7 @@ class OwnLoops:
 
     def link(self, loop: str) -> Link:
         """Return a way to a loop."""
-        return DirectLink(self._loops[loop], self._served[loop].description(loop))
+        return self._links[loop]
 
     def problem(self, loop: str) -> Problem:
         """Return the problem of a loop."""
@@ -66,6 +67,9 @@ class OwnLoops:
         loops = served.loops()
         self._loops |= loops
         self._served |= dict.fromkeys(loops, served)
+        self._links |= {
+            name: DirectLink(loop, served.description(name)) for name, loop in loops.items()
+        }
 
 
 def serve_stdio(problems: Sequence[Served]) -> None:
@@ -77,12 +81,13 @@ def serve_stdio(problems: Sequence[Served]) -> None:
         BrokenPipeError: if nobody reads the answers any more.
     """
     sys.stdout.flush()
-    with os.fdopen(os.dup(1), "wb", buffering=0) as told:
+    with os.fdopen(os.dup(1), "wb") as told:
         os.dup2(2, 1)
         # A file of requests may be piped, so the time between them says nothing.
         handler = Handler(OwnLoops(problems), clock=None)
         for line in lines_of(sys.stdin.buffer):
             told.write(handler.answer(line).line)
+            told.flush()
 
 
 def lines_of(stream: BinaryIO) -> Iterator[bytes]:
