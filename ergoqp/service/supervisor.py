@@ -328,8 +328,8 @@ class Supervisor:
     def _check(self, number: int, text: Text) -> None:
         """Try a problem; this is the whole life of a process."""
         os.nice(10)
-        resource.setrlimit(resource.RLIMIT_CPU, (_CHECKING, _CHECKING))
-        signal.alarm(3 * _CHECKING)
+        resource.setrlimit(resource.RLIMIT_CPU, (_CHECKING, _CHECKING + 1))
+        signal.alarm(2 * _CHECKING)
         try:
             text.load().prepare(False)
         except ErgoqpError as error:
@@ -343,7 +343,9 @@ class Supervisor:
         if job is loading.job:
             if code:
                 # The process has said why, unless it could not; the door takes the first words.
-                self._stop_loading(f"load: the process that tried it ended by {_how(code)}")
+                slow = -code in (signal.SIGXCPU, signal.SIGALRM)
+                why = f"building it took more than {_CHECKING} s" if slow else _how(code)
+                self._stop_loading(f"load: trying the problem failed ({why}); nothing is served")
             elif group is None:
                 self._serve_new(text)
             else:

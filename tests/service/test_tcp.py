@@ -258,7 +258,8 @@ class TestHttp:
         script = f"""<script>
         const line = {json.dumps(json.dumps({"step": STEP}))} + "\\n";
         const to = ["127.0.0.1:{door.port}", "localhost:{door.port}", "[::1]:{door.port}"];
-        const send = (at, body) => fetch(`http://${{at}}/`, {{method: "POST", mode: "no-cors", body}});
+        const send = (at, body) =>
+            fetch(`http://${{at}}/`, {{method: "POST", mode: "no-cors", body}});
         Promise.allSettled([...to.flatMap(at => [send(at, line), send(at, "\\n" + line)]),
             send("127.0.0.1:{other.server_port}", line),
         ]).then(() => fetch("/done", {{method: "POST"}}));
