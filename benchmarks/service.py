@@ -146,28 +146,35 @@ class Loop:
     """
 
     def __init__(self, step: Callable[..., object], reset: Callable[[], None], dt: float) -> None:
+        """Take the calls of a stepper or a client."""
         self._step, self._reset, self._dt = step, reset, dt
         self._start = awkward()
         self.moving = self.calls = 0
 
     def begin(self) -> None:
+        """Start anew."""
         self._reset()
         self._posture = self._start.copy()
 
     def __call__(self) -> None:
+        """Take a step."""
         self._answer = self._step(self._posture)
 
-    def between(self) -> None:
-        """Have the model person follow; this is not timed."""
+    def between(self) -> bool:
+        """Have the model person follow; return whether the service answered in time."""
         step = self._answer
+        if not getattr(step, "fresh", True):  # the machine was busy: it is no call of the door
+            self._reset()
+            return False
         self.calls += 1
         self.moving += bool(step.twist.any())  # type: ignore[attr-defined]
         self._posture = self._posture + self._dt * step.posture_rate  # type: ignore[attr-defined]
+        return True
 
 
 def timed(call: Callable[[], None], rate: float, count: int) -> list[float]:
     """Return the time of each call [us], each after the idling of its rate."""
-    between = getattr(call, "between", lambda: None)
+    between = getattr(call, "between", lambda: True)
     getattr(call, "begin", lambda: None)()
     found, due = [], time.perf_counter()
     for _ in range(count):
@@ -179,8 +186,9 @@ def timed(call: Callable[[], None], rate: float, count: int) -> list[float]:
             due -= wait
         start = time.perf_counter()
         call()
-        found.append(1e6 * (time.perf_counter() - start))
-        between()
+        took = 1e6 * (time.perf_counter() - start)
+        if between():
+            found.append(took)
     return found
 
 

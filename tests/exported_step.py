@@ -20,9 +20,10 @@ def build(folder: Path) -> Path:
     return library
 
 
-def load_wrapper(folder: Path) -> ModuleType:
+def load_wrapper(folder: Path, prefix: str = "ergoqp") -> ModuleType:
     """Return the module that the export has for Python."""
-    spec = importlib.util.spec_from_file_location("exported_step", folder / "python/ergoqp_step.py")
+    file = folder / f"python/{prefix}_step.py"
+    spec = importlib.util.spec_from_file_location("exported_step", file)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -9,11 +9,11 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from service_running import running
 
 from ergoqp.joints import JOINTS
 from ergoqp.service.command import STEP_KEYS
 from ergoqp.service.tcp import TOKEN_FILE
-from service_running import running
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SAYS = {

@@ -13,7 +13,7 @@ from ergoqp.cli.common import console, working, writing
 from ergoqp.cli.options import AnyProblem, Guide, folder_of, option
 from ergoqp.cli.run import guide_named
 from ergoqp.errors import InputError
-from ergoqp.export.folder import export_step
+from ergoqp.export.folder import PREFIX, export_step
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.validate import PERIODS
@@ -37,6 +37,7 @@ def command(
     out: Annotated[Path, option("DIR", "Folder for the sources.", parser=folder_of)],
     dt: Annotated[float | None, option("S", "Control period [the problem's].")] = None,
     guide: Guide = None,
+    prefix: Annotated[str, option("NAME", "Beginning of the names and files in C.")] = PREFIX,
 ) -> None:
     """Write the folder and print what to do with it.
 
@@ -49,13 +50,14 @@ def command(
         problem = problem.replace(dt=dt)
     place = None if guide is None else guide_named(problem, guide)
     with working(f"exporting {problem.name}"), writing(out):
-        files = export_step(problem, out, place, start=_awkward(problem))
+        files = export_step(problem, out, place, start=_awkward(problem), prefix=prefix)
     screen = console()
     size = sum(file.stat().st_size for file in files)
     screen.print(Text(f"{len(files)} files, {size / 1e6:.1f} MB, in {out}"), soft_wrap=True)
     build = f"cmake -S {out} -B {out}/build && cmake --build {out}/build && {out}/build/main"
     screen.print(Text(build), soft_wrap=True)
-    screen.print(Text(f"what goes in and comes out: {out}/include/ergoqp_step.h"), soft_wrap=True)
+    header = f"{out}/include/{prefix}_step.h"
+    screen.print(Text(f"what goes in and comes out: {header}"), soft_wrap=True)
 
 
 def _awkward(problem: Problem) -> np.ndarray | None:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ergoqp.cli.options import folder_of, option
+from ergoqp.cli.common import writing
+from ergoqp.cli.options import Guide, folder_of, option
 from ergoqp.errors import InputError
 from ergoqp.service.folder import private_folder
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
 from ergoqp.service.stdio import serve_stdio
-from ergoqp.service.supervisor import Supervisor, say
+from ergoqp.service.supervisor import MOST_WORKERS, Supervisor, say
+from ergoqp.service.systemd import units
 from ergoqp.service.tcp import read_port
 
 ABOUT = """Serve the control step of problems to other processes.
@@ -60,6 +64,7 @@ def command(
             "--compiled/--interpreted",
         ),
     ] = None,
+    guide: Guide = None,
     folder: Annotated[
         Path | None,
         option(
@@ -83,6 +88,10 @@ def command(
             "--stdio",
         ),
     ] = False,
+    systemd: Annotated[
+        Path | None,
+        option("DIR", "Write units for systemd that serve like this, and end.", parser=folder_of),
+    ] = None,
     print_schema: Annotated[
         bool, option(None, "Print the frames of the protocol as JSON.", "--schema")
     ] = False,
@@ -96,13 +105,21 @@ def command(
         typer.echo(json.dumps(schema(), indent=2))
         return
     _check("--loops", loops, 1, 256)
-    _check("--workers", workers, 1, 64)
+    _check("--workers", workers, 1, MOST_WORKERS)
     _check("--fifo", fifo, 1, 99)
     port = None if tcp is None else read_port(tcp)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
     served_problems = [served(name, dt, loops) for name in problems]
     _check_names(served_problems)
+    if systemd is not None:
+        _write_units(systemd, [loop for each in served_problems for loop in each.loop_names])
+        return
+    if guide is not None:
+        from ergoqp.cli.run import guide_named  # slow to import, and rarely needed
+
+        for each in served_problems:
+            each.guide = guide_named(each.problem, guide)
     for each in served_problems:
         each.prepare(bool(compiled))
     if stdio:
@@ -124,6 +141,22 @@ def command(
     if compiled is None:
         supervisor.compile_beside()
     supervisor.run()
+
+
+def _write_units(folder: Path, loops: list[str]) -> None:
+    """Write units whose service has the present arguments, but the one that asked for them."""
+    arguments, skip = [], False
+    for word in sys.argv[2:]:
+        if not (skip or word.startswith("--systemd")):
+            arguments.append(os.path.abspath(word) if word.endswith(".toml") else word)
+        skip = word == "--systemd"
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in units(loops, arguments).items():
+            (folder / name).write_text(text, encoding="utf-8")
+            typer.echo(str(folder / name))
+    names = " ".join(f"ergoqp-{loop}.socket" for loop in loops)
+    typer.echo(f"systemctl --user daemon-reload && systemctl --user enable --now {names}")
 
 
 def _check(name: str, value: int | None, least: int, most: int) -> None:

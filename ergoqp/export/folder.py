@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import re
 import shutil
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp._version import __version__
-from ergoqp.arguments import path_of, read_array
+from ergoqp.arguments import path_of, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.export.layout import (
     defines,
@@ -86,6 +87,9 @@ def start_header(start: np.ndarray) -> str:
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""
 
+PREFIX: Final = "ergoqp"
+"""Beginning of the exported names and files, unless the caller gives another."""
+
 
 _DRAWN: Final = (
     "The step was exported with a guide: where descent comes to rest at a worse place, the object\n"
@@ -99,7 +103,12 @@ _DESCENT: Final = (
 
 
 def export_step(
-    problem: Problem, folder: Path, guide: Any = None, *, start: ArrayLike | None = None
+    problem: Problem,
+    folder: Path,
+    guide: Any = None,
+    *,
+    start: ArrayLike | None = None,
+    prefix: str = PREFIX,
 ) -> list[Path]:
     """Write the step of a problem as C99 with a header.
 
@@ -107,17 +116,21 @@ def export_step(
 
     Args:
         problem: the task; its control period becomes the default one.
-        folder: target folder. It must be missing or empty, or hold an earlier export.
+        folder: target folder. It must be missing or empty, or hold an earlier export of the same
+            prefix.
         guide: a place that the object is drawn to, as for `ergoqp.Stepper`; the caller in C can
             change it. None: the exported step has descent only, and is smaller.
         start: state at which the example starts, such as a posture (32,) [rad]. None: the working
             arms raised, or a place with a high cost where the state is points.
+        prefix: what the names of functions, types, macros, files and CMake targets begin with, in
+            lower case. Two steps in one program need two.
 
     Returns:
         The files.
 
     Raises:
-        InputError: if the folder holds something else, or the guide or the start cannot be used.
+        InputError: if the folder holds something else, or the guide, the start or the prefix cannot
+            be used.
         CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP
             library.
 
@@ -134,12 +147,19 @@ def export_step(
     """
     compiler()
     folder = path_of("folder", folder)
+    if not (isinstance(prefix, str) and re.fullmatch(r"[a-z]([a-z0-9_]*[a-z0-9])?", prefix)):
+        raise InputError(
+            f"prefix: got {shown(prefix)}, allowed lower-case letters, digits and _ between them,"
+            " such as left_arm"
+        )
+    earlier = (folder / f"include/{prefix}_step.h", folder / "src/qp_daqp.h")
     if folder.exists() and (
         not folder.is_dir()
-        or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
+        or (any(folder.iterdir()) and not all(file.is_file() for file in earlier))
     ):
         raise InputError(
             f"--out: {str(folder)!r} holds something else; give a new folder or an earlier export"
+            f" whose prefix is {prefix}"
         )
     place = None if guide is None else read_guide(problem, guide)
     begin = example_start(problem, start)
@@ -162,9 +182,11 @@ def export_step(
         "example/replay.c": c_text("replay.c"),
         "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory, guided),
         "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory, guided),
+        "cmake/ergoqp_stepConfig.cmake.in": c_text("ergoqp_stepConfig.cmake.in"),
         "README.md": _filled("README.md", problem, memory, guided),
-        "daqp/LICENSE": licence_of("daqp"),
     }
+    texts = {_begun(name, prefix): _begun(text, prefix) for name, text in texts.items()}
+    texts["daqp/LICENSE"] = licence_of("daqp")
     if not texts["daqp/LICENSE"]:
         raise CompilerError(
             "DAQP's licence: the package 'daqp' has no LICENSE; install it as published:"
@@ -178,6 +200,12 @@ def export_step(
             (scratch / name).write_text(text, encoding="utf-8")
         copied = _daqp_files(scratch)
     return [folder / name for name in (*texts, *copied)]
+
+
+def _begun(text: str, prefix: str) -> str:
+    """Return a text in which the names of the export begin with the prefix."""
+    lower, upper = f"{PREFIX}_", f"{PREFIX.upper()}_"
+    return text.replace(lower, f"{prefix}_").replace(upper, f"{prefix.upper()}_")
 
 
 def _daqp_files(folder: Path) -> list[str]:

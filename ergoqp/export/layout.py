@@ -11,7 +11,7 @@ from ergoqp._version import __version__
 from ergoqp.expressions import slices
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.step.causes import Cause, Fault, Status
+from ergoqp.step.causes import FAULT_UNITS, Cause, Fault, Status
 from ergoqp.step.certification import PARTS, longest_stop
 from ergoqp.step.frames_check import DOUBTED, FRAMES
 from ergoqp.step.function import INPUTS, OUTPUTS, state_at_start
@@ -116,7 +116,7 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
         Field(
             "fault_amount",
             1,
-            "size of the fault: a factor, seconds, metres, radians or metres per second",
+            "size of the fault, in the unit of ergoqp_fault_units; a factor where that is empty",
         ),
         Field("doubted", 0, "1: no usual error of the posture explains the pose, see `apart`"),
         Field("apart", 1, "distance between the pose and the contact of the posture [m]"),
@@ -201,6 +201,7 @@ extern "C" {{
 #define ERGOQP_COORDINATES {len(problem.coordinates)}
 #define ERGOQP_ROWS {len(problem.row_names)}
 #define ERGOQP_CAUSES {len(Cause)}
+#define ERGOQP_FAULTS {len(Fault)}
 #define ERGOQP_DT {problem.dt!r} /* the problem's control period [s] */
 {_GUIDE_VALUES if guided else ""}
 typedef enum {{
@@ -273,6 +274,8 @@ extern const char* const ergoqp_row_names[ERGOQP_ROWS + 1];
 extern const char* const ergoqp_row_units[ERGOQP_ROWS + 1];
 extern const char* const ergoqp_status_names[{len(Status)}];
 extern const char* const ergoqp_cause_names[ERGOQP_CAUSES];
+extern const char* const ergoqp_fault_names[ERGOQP_FAULTS];
+extern const char* const ergoqp_fault_units[ERGOQP_FAULTS];
 
 #ifdef __cplusplus
 }}
@@ -365,6 +368,8 @@ def names_source(problem: Problem) -> str:
         "row_units[ERGOQP_ROWS + 1]": (*units, ""),
         f"status_names[{len(Status)}]": [status.name for status in Status],
         "cause_names[ERGOQP_CAUSES]": [cause.name for cause in Cause],
+        "fault_names[ERGOQP_FAULTS]": [fault.name for fault in Fault],
+        "fault_units[ERGOQP_FAULTS]": [FAULT_UNITS.get(fault, "") for fault in Fault],
     }
     lines = ['#include "ergoqp_step.h"', ""]
     for name, words in tables.items():

@@ -6,6 +6,7 @@ import json
 import os
 import select
 import socket
+import struct
 import time
 from collections.abc import Mapping
 from functools import cached_property
@@ -26,7 +27,7 @@ from ergoqp.service.schema import (
     VERSION,
     Ask,
     Flag,
-    Mark,
+    Frame,
     Tell,
     answer_frame,
     request_frame,
@@ -37,10 +38,15 @@ _FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _TRY_AGAIN, _TAKES_OVER = (
     int(Flag[name])
     for name in ("frame", "pose", "twist", "observed", "enable", "try_again", "takes_over")
 )
-_STEP, _TOLD = int(Ask.step), int(Tell.step)
+_STEP, _TOLD, _QUIET = int(Ask.step), int(Tell.step), int(socket.MSG_NOSIGNAL)
+_REST: Final = struct.Struct("<HHIIIIIIId")
+"""The head of an answer behind that of all frames."""
 _STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
 _CONNECTING: Final = 5.0
 """How long the first connection and the description may take [s]."""
+_HUGE: Final = 1e12
+_SELECTED: Final = 1024
+"""Descriptors from this number on cannot be given to `select.select`."""
 _ASK: Final = "call reset() once it stands, or reset(twist=) with its measured twist"
 
 
@@ -52,6 +58,33 @@ class ServiceError(ErgoqpError):
         >>> issubclass(ServiceError, ErgoqpError)
         True
     """
+
+
+class Answer:
+    """Memory for one answer, and views of its numbers.
+
+    Attributes:
+        layout: where its fields are.
+        view: all its bytes.
+        twist: the twist (6,); times: of the knots [s]; stop: their twists (k, 6).
+    """
+
+    def __init__(self, layout: Frame) -> None:
+        """Allocate it, with zeros."""
+        buffer = bytearray(layout.length)
+        self.layout, self.view = layout, memoryview(buffer)
+        self.twist = layout.numbers(buffer, "twist")
+        self.times = layout.numbers(buffer, "times")
+        self.stop = layout.numbers(buffer, "stop").reshape(KNOTS, 6)
+        self._sent = layout.numbers(buffer, "twist", "posture_rate")
+        self._knots = layout.numbers(buffer, "times", "stop")
+
+    @property
+    def usable(self) -> bool:
+        """Whether what a robot and a person execute are finite numbers."""
+        # A product with itself is infinite or NaN if any number is.
+        sent, knots = self._sent, self._knots
+        return bool(sent.dot(sent) < _HUGE and knots.dot(knots) < _HUGE)
 
 
 class ClientStep:
@@ -73,17 +106,17 @@ class ClientStep:
         status: str,
         reason: str,
         fresh: bool,
-        solve_time: float,
-        values: np.ndarray,
-        parts: Mapping[str, slice],
+        start: float,
+        answer: Answer,
         names: Mapping[str, tuple[str, ...]],
         computed: float = 0.0,
         drawn: int = 0,
     ) -> None:
-        """Keep the numbers of the last answer; they are read on demand."""
+        """Keep the bytes of the last answer; members are read from them on demand."""
         self.twist, self.status, self.reason, self.fresh = twist, status, reason, fresh
-        self.solve_time, self.computed, self.drawn = solve_time, computed, drawn
-        self._values, self._parts, self._names = values, parts, names
+        self.computed, self.drawn = computed, drawn
+        self._frame, self._layout, self._names = bytes(answer.view), answer.layout, names
+        self.solve_time = time.perf_counter() - start
 
     def __repr__(self) -> str:
         """Show twist, status and reason."""
@@ -91,7 +124,7 @@ class ClientStep:
         return f"ClientStep(twist={twist}, status={self.status!r}, reason={self.reason!r})"
 
     def _value(self, name: str) -> np.ndarray:
-        return self._values[self._parts[name]]
+        return self._layout.numbers(self._frame, name).copy()
 
     @property
     def pose(self) -> np.ndarray:
@@ -190,7 +223,7 @@ class Client:
         if path.suffix != ".sock" and len(path.parts) == 1:
             path = socket_path(default_folder(), str(address))
         self._path, self._socket = os.fspath(path), None
-        self._poll, self._outstanding, self._got = select.poll(), 0, 0
+        self._outstanding, self._got = 0, 0
         self.description = self._read_description()
         self.dt = float(self.description["dt"] if dt is None else dt)
         check_number("dt", self.dt, 1e-5, float(self.description["longest_dt"]), "s")
@@ -202,30 +235,17 @@ class Client:
         self._n, self._digest = len(coordinates), int(self.description["digest"])
         self._longest = float(self.description["longest_dt"])
         self._explain = int(Flag.explain) if explain else 0
-        request, answer = request_frame(self._n), answer_frame(self._n, len(rows))
-        self._request, self._answer = bytearray(request.length), bytearray(answer.length)
-        self._into, self._layout = memoryview(self._answer), answer
-        self._given = {
-            name: request.numbers(self._request, name)
-            for name in ("pose", "twist", "guide", "promise", "posture", "observed")
-        }
-        self._kept = bytearray(answer.length)  # the answer that is being executed
-        numbers = answer.numbers(self._kept, "twist", "stop")
-        self._arrived = [
-            answer.numbers(self._answer, *each)
-            for each in (("twist", "posture_rate"), ("times", "stop"))
-        ]
-        start = answer.at["twist"].start
-        self._parts = {
-            field.name: slice((at.start - start) // 8, (at.stop - start) // 8)
-            for field in answer.fields
-            if (at := answer.at[field.name]).start >= start and field.kind == "f64"
-        }
-        self._numbers = numbers
-        self._session, self._sequence, self._acted, self._followed = 0, 0, 0, 0
-        self._knots, self._begin, self._asked = 0, 0, 0
+        request = request_frame(self._n)
+        self._request, self._given = bytearray(request.length), dict[str, np.ndarray]()
+        for name in ("pose", "twist", "guide", "promise", "posture", "observed"):
+            self._given[name] = request.numbers(self._request, name)
+        layout = answer_frame(self._n, len(rows))
+        # The answer that is executed, and the one that arrives; they change places.
+        self._kept, self._next = Answer(layout), Answer(layout)
+        self._length = layout.length
+        self._session = self._sequence = self._acted = self._followed = self._knots = 0
+        self._begin = self._hold = self._again = self._place = 0
         self._start_twist, self._dt_of_answer = np.zeros(6), self.dt
-        self._hold = self._again = self._place = 0
         self._called = -np.inf
         self._why = f"the service was not told yet what the robot does: {_ASK}"
         self.late = self.lost = self.refused = 0
@@ -250,24 +270,26 @@ class Client:
 
         An input that is no array of the right shape counts as one of NaN, which the step names.
         """
-        bits = _ENABLE if enable is True or _is_one(enable) else 0
+        start = time.perf_counter()
+        bits, given = _ENABLE if enable is True or _is_one(enable) else 0, self._given
         if posture is not None:
             bits |= _FRAME
-            self._put("posture", posture)
+            _put(given["posture"], posture, given["posture"].shape)
         if pose is not None:
             bits |= _POSE
-            self._put("pose", pose)
+            _put(given["pose"], pose, (4, 4))
         if twist is not None:
             bits |= _TWIST
-            self._put("twist", twist)
+            _put(given["twist"], twist, (6,))
         if observed is not None:
             bits |= _OBSERVED
-            self._put("observed", observed)
-        return self._ask(bits, self.dt if dt is None else _number(dt), _number(age))
+            _put(given["observed"], observed, given["observed"].shape)
+        return self._ask(start, bits, self.dt if dt is None else _number(dt), _number(age))
 
     def brake(self, dt: float | None = None) -> ClientStep:
         """Return the next braking twist without new data; see `Stepper.brake`."""
-        return self._ask(int(Flag.brake), self.dt if dt is None else _number(dt), 0.0)
+        period = self.dt if dt is None else _number(dt)
+        return self._ask(time.perf_counter(), int(Flag.brake), period, 0.0)
 
     def stop(self) -> np.ndarray:
         """Return the twists that are left of the stop of the last answer (k, 6), one per period."""
@@ -332,72 +354,54 @@ class Client:
         """Close it."""
         self.close()
 
-    def _put(self, name: str, value: Any) -> None:
-        """Write an argument into the request; NaN, which the step names, for anything else."""
-        target = self._given[name]
-        shape = (4, 4) if name == "pose" else target.shape
-        try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            array = np.empty(0)
-        target[:] = array.ravel() if array.shape == shape else np.nan
-
-    def _ask(self, bits: int, dt: float, age: float) -> ClientStep:
+    def _ask(self, start: float, bits: int, dt: float, age: float) -> ClientStep:
         """Exchange a request for an answer, or go on with the stop."""
-        start = time.perf_counter()
-        self._pass_time(start)
-        if not (self._ready() and self._exchange(bits, dt, age, start)):
-            return self._follow(start)
-        values = self._numbers.copy()
-        _, drawn, status, _, reason, *_, computed = ANSWER_HEAD.unpack_from(self._kept)[5:]
-        text = self._reasons.get(reason, "") if reason else ""
-        if reason and self._explain:
-            words = self._layout.at["text"]
-            text = bytes(self._kept[words]).rstrip(b"\0").decode(errors="replace") or text
+        gap, self._called = start - self._called, start
+        if gap > self._longest and self._session:
+            self._session = self._begin = 0
+            self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
+        # The usual case first: nothing is wrong.
+        usual = self._session and self._socket is not None and not self._outstanding
+        if not ((usual or self._ready()) and self._exchange(start, bits, dt, age)):
+            self._followed += 1
+            twist = self._stop_twist(self._followed * self._dt_of_answer)
+            return ClientStep(twist, "braking", self._why, False, start, self._kept, self._names)
+        kept = self._kept
+        _, drawn, status, _, reason, _, _, _, knots, computed = _REST.unpack_from(
+            kept.view, HEAD.size
+        )
+        self._knots = knots
+        text = self._words(reason) if reason else ""
         return ClientStep(
-            values[:6],
+            kept.twist.copy(),
             _STATUSES[status],
             text,
             True,
-            time.perf_counter() - start,
-            values,
-            self._parts,
+            start,
+            kept,
             self._names,
             computed,
             drawn,
         )
 
-    def _pass_time(self, now: float) -> None:
-        """Lose the session if so much time has passed that the robot may have done anything."""
-        gap = now - self._called
-        self._called = now
-        if self._session and gap > self._longest:
-            self._session, self._begin = 0, 0
-            self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
+    def _words(self, reason: int) -> str:
+        """Return the reason of the answer in words."""
+        if self._explain:
+            place = self._kept.layout.at["text"]
+            if text := bytes(self._kept.view[place]).rstrip(b"\0"):
+                return text.decode(errors="replace")
+        return self._reasons.get(reason, "")
 
-    def _follow(self, start: float) -> ClientStep:
-        """Return the next twist of the last answer's stop."""
-        self._followed += 1
-        twist = self._stop_twist(self._followed * self._dt_of_answer)
-        took, values = time.perf_counter() - start, self._numbers.copy()
-        return ClientStep(
-            twist, "braking", self._why, False, took, values, self._parts, self._names
-        )
-
-    def _stop_twist(self, time_s: float) -> np.ndarray:
+    def _stop_twist(self, seconds: float) -> np.ndarray:
         """Return the twist of the stop at a time from the answer's own twist on."""
-        if not self._knots:
-            return np.zeros(6)
-        times = self._numbers[self._parts["times"]][: self._knots]
-        stop = self._numbers[self._parts["stop"]].reshape(KNOTS, 6)
-        later = int(np.searchsorted(times, time_s * (1 - 1e-12)))
+        times, stop = self._kept.times[: self._knots], self._kept.stop
+        later = int(np.searchsorted(times, seconds * (1 - 1e-12)))
         if later == self._knots:
             return np.zeros(6)
-        if times[later] <= time_s * (1 + 1e-12):
+        if times[later] <= seconds * (1 + 1e-12):
             return stop[later].copy()
-        before = times[later - 1] if later else 0.0
-        old = stop[later - 1] if later else self._numbers[self._parts["twist"]]
-        return old + (stop[later] - old) * ((time_s - before) / (times[later] - before))
+        before, old = (times[later - 1], stop[later - 1]) if later else (0.0, self._kept.twist)
+        return old + (stop[later] - old) * ((seconds - before) / (times[later] - before))
 
     def _ready(self) -> bool:
         """Connect, and drop an answer that came too late; return whether a request can be sent."""
@@ -415,14 +419,13 @@ class Client:
                 return False
         return self._socket is not None
 
-    def _exchange(self, bits: int, dt: float, age: float, start: float) -> bool:
+    def _exchange(self, start: float, bits: int, dt: float, age: float) -> bool:
         """Send a request; return whether its answer is a step that came in time."""
         self._sequence += 1
-        begins = self._begin if not self._session else 0
+        begins = 0 if self._session else self._begin
         if begins == _TAKES_OVER:
             bits |= _TWIST
             self._given["twist"][:] = self._start_twist
-        bits |= begins | self._hold | self._again | self._place | self._explain
         REQUEST_HEAD.pack_into(
             self._request,
             0,
@@ -433,48 +436,46 @@ class Client:
             self._sequence,
             0 if begins else self._acted,
             self._digest,
-            self._followed if not begins else 0,
-            bits,
+            0 if begins else self._followed,
+            bits | begins | self._hold | self._again | self._place | self._explain,
             self._n,
             0,
             age,
             dt,
         )
+        connection = self._socket
         try:
-            assert self._socket is not None
-            if self._socket.send(self._request, socket.MSG_NOSIGNAL) != len(self._request):
-                raise OSError
+            if connection is None or connection.send(self._request, _QUIET) != len(self._request):
+                return self._lose()
         except OSError:
             return self._lose()
-        self._outstanding, self._asked, self._got = self._sequence, bits, 0
-        if not self._receive(self.timeout - (time.perf_counter() - start)):
+        self._outstanding, self._got = self._sequence, 0
+        if not self._receive(start + self.timeout):
             if self._outstanding:
                 self.late += 1
                 self._why = "service: no answer in time"
             return False
-        self._session = HEAD.unpack_from(self._kept)[3]
-        self._acted, self._followed, self._begin = self._sequence, 0, 0
-        if bits & _TRY_AGAIN:
+        self._acted, self._followed, self._begin, self._dt_of_answer = self._sequence, 0, 0, dt
+        if self._again:
             self._again = 0
-        self._dt_of_answer = dt
-        self._knots = ANSWER_HEAD.unpack_from(self._kept)[-2]
         return True
 
-    def _receive(self, wait: float) -> bool:
-        """Read the answer to the outstanding request, for at most some seconds.
+    def _receive(self, until: float) -> bool:
+        """Read the answer to the outstanding request.
 
-        One that is read while nobody waits for it is dropped.
+        Args:
+            until: when to give up. One that is read when this is over is dropped: it is late.
 
         Returns:
-            Whether it is a step.
+            Whether it is a step, which is executed from now on.
         """
-        until = time.perf_counter() + wait
+        answer = self._next
         while True:
             left = until - time.perf_counter()
-            if not self._poll.poll(max(0.0, 1e3 * left)):
+            if not self._arrives(left if left > 0.0 else 0.0):
                 return False
             try:
-                count = self._socket.recv_into(self._into[self._got :]) if self._socket else 0
+                count = self._socket.recv_into(answer.view[self._got :]) if self._socket else 0
             except BlockingIOError:
                 continue
             except OSError:
@@ -484,8 +485,8 @@ class Client:
             self._got += count
             if self._got < HEAD.size:
                 continue
-            length, version, kind, _, sequence = HEAD.unpack_from(self._into)
-            if not HEAD.size <= length <= len(self._answer) or version != VERSION:
+            length, version, kind, session, sequence = HEAD.unpack_from(answer.view)
+            if not ANSWER_HEAD.size <= length <= self._length or version != VERSION:
                 self.refused += 1
                 return self._lose()
             if self._got < length:
@@ -493,18 +494,26 @@ class Client:
             if self._got > length or sequence != self._outstanding:
                 self.refused += 1
                 return self._lose()
-            self._outstanding, self._got = 0, 0
-            if wait <= 0.0:
-                return False  # late
-            if kind == _TOLD and length == len(self._answer) and self._finite():
-                self._kept[:] = self._answer
+            self._outstanding = self._got = 0
+            if not until:
+                return False
+            if kind == _TOLD and length == self._length and answer.usable:
+                self._session = session
+                self._kept, self._next = answer, self._kept
                 return True
-            self._not_done(kind, bytes(self._into[ANSWER_HEAD.size : length]))
+            self._not_done(kind, bytes(answer.view[ANSWER_HEAD.size : length]))
             return False
 
-    def _finite(self) -> bool:
-        """Return whether the twists of the answer that has arrived are numbers."""
-        return bool(np.isfinite(self._arrived[0]).all() and np.isfinite(self._arrived[1]).all())
+    def _arrives(self, seconds: float) -> bool:
+        """Wait for bytes, or the end of the connection."""
+        if self._socket is None:
+            return False
+        number = self._socket.fileno()
+        if number < _SELECTED:  # this waits to the microsecond, and the other to the millisecond
+            return bool(select.select((number,), (), (), seconds)[0])
+        poll = select.poll()
+        poll.register(number, select.POLLIN)
+        return bool(poll.poll(1e3 * seconds))
 
     def _not_done(self, kind: int, text: bytes) -> None:
         """Note why the service did not carry out a request."""
@@ -526,7 +535,6 @@ class Client:
 
     def _disconnect(self) -> None:
         if self._socket is not None:
-            self._poll.unregister(self._socket)
             self._socket.close()
         self._socket, self._outstanding, self._got = None, 0, 0
 
@@ -540,7 +548,6 @@ class Client:
             connection.close()
             return False
         self._socket = connection
-        self._poll.register(connection, select.POLLIN)
         return True
 
     def _read_description(self) -> dict[str, Any]:
@@ -566,6 +573,19 @@ class Client:
         return json.loads(text)
 
 
+def _put(target: np.ndarray, value: Any, shape: tuple[int, ...]) -> None:
+    """Write an argument into the request; NaN, which the step names, for what is none."""
+    if type(value) is not np.ndarray:
+        try:
+            value = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            value = np.empty(0)
+    if value.shape == shape and value.dtype.kind in "biuf":
+        target[:] = value if len(shape) == 1 else value.ravel()
+    else:
+        target[:] = np.nan
+
+
 def _number(value: Any) -> float:
     """Return a number; NaN, which the step detects, for anything else."""
     try:
@@ -579,4 +599,4 @@ def _is_one(value: Any) -> bool:
     return isinstance(value, (int, float, np.bool_)) and value == 1
 
 
-__all__ = ["Client", "ClientStep", "Mark", "ServiceError"]
+__all__ = ["Client", "ClientStep", "ServiceError"]

@@ -34,11 +34,11 @@ _COPIED: Final = ("fault", "residuals")
 """First and last of the outputs of a step that lie beside each other in an answer too."""
 
 # Plain numbers, because those of an enumeration cost ten times as much to compare.
-_FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _EXPLAIN = (
-    int(Flag[name]) for name in ("frame", "pose", "twist", "observed", "enable", "explain")
+_FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _EXPLAIN, _BRAKE = (
+    int(Flag[name]) for name in ("frame", "pose", "twist", "observed", "enable", "explain", "brake")
 )
 _BEGINS: Final = int(Flag.stands | Flag.takes_over)
-_ORDERS: Final = int(Flag.hold | Flag.try_again | Flag.guide | Flag.no_guide | Flag.brake)
+_ORDERS: Final = int(Flag.hold | Flag.try_again | Flag.guide | Flag.no_guide)
 _STEP, _TOLD, _STILL = int(Ask.step), int(Tell.step), int(Mark.still)
 _STATUSES: Final = {status.name: status for status in Status}
 
@@ -108,7 +108,7 @@ class Loop:
         self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
         self._pose_at, self._rate_at = slices["pose_used"], slices["posture_rate"]
         self._causes_at = slices["causes"].start
-        self._period, self._ends = 0.0, np.zeros(KNOTS)
+        self._period = 0.0
 
     def new_request(self) -> Request:
         """Return a buffer for the requests of one client."""
@@ -204,7 +204,7 @@ class Loop:
         stepper = self.stepper
         if bits & _ORDERS:
             self._obey(request, bits)
-        if bits & Flag.brake:
+        if bits & _BRAKE:
             step = stepper.brake(dt)
         else:
             step = stepper.step(
@@ -292,13 +292,12 @@ class Loop:
         count = len(twists)
         if count <= KNOTS:
             if period != self._period:
-                self._period, self._ends = period, period * np.arange(1.0, KNOTS + 1)
-            self._times[:count], self._stop[:count] = self._ends[:count], twists
+                self._period, self._times[:] = period, period * np.arange(1.0, KNOTS + 1)
+            self._stop[:count] = twists
         else:
             chosen = chosen_knots(twists)
-            count = len(chosen)
+            count, self._period = len(chosen), 0.0
             self._times[:count], self._stop[:count] = (chosen + 1) * period, twists[chosen]
-        self._times[count:], self._stop[count:] = 0.0, 0.0
         return count
 
 

@@ -172,7 +172,12 @@ ANSWER: Final = (
     Field("locked", "f64", "1 for joints that are held at their end", "coordinates"),
     Field("outside", "f64", "1 for rows that are outside and coming back", "rows"),
     Field("residuals", "f64", "qp, contact, accepted", 3),
-    Field("times", "f64", "when each knot of the stop is due, from the twist on [s]", KNOTS),
+    Field(
+        "times",
+        "f64",
+        "when each knot of the stop is due, from the twist on [s]; the first `knots` count",
+        KNOTS,
+    ),
     Field("stop", "f64", "twist of each knot [m/s, rad/s]; the last one is zero", KNOTS * 6),
     Field("text", "text", "the reason in words, if it was asked for; UTF-8", TEXT),
 )

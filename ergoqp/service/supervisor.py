@@ -29,16 +29,24 @@ from ergoqp.service.loads import (
     unpack_load,
 )
 from ergoqp.service.served import JSON_DOOR, Served
+from ergoqp.service.systemd import inherited_sockets, notify, watchdog_seconds
 from ergoqp.service.tcp import TOKEN_FILE, listen_tcp, new_token
 from ergoqp.service.worker import Worker, die_with_parent, settle_in
 
 BACKLOG: Final = 16
+MOST_WORKERS: Final = 64
+HANGS: Final = 10.0
+"""A worker that does nothing for longer is ended and started again [s]."""
+_ROUND: Final = 1.0
+"""How often it is looked whether workers hang [s]."""
 _LIVED: Final = 1.0
 """A process that lived for less than this died of itself [s]."""
 _PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
 """Waits before a process is forked again, by how many have died young in a row [s]."""
 _CHECKING: Final = 20
 """How long a process may compute to load a problem that a client sent [s of CPU]."""
+_LONGEST_LOAD: Final = 2 * _CHECKING
+"""How long that process may take, and a worker until it begins to serve such a problem [s]."""
 _LEAVING: Final = 2.0
 """How long a worker may take to make room for one with another problem [s]."""
 
@@ -51,18 +59,24 @@ class Job:
         name: what it does, for the log.
         work: what runs in the process.
         again: whether it is forked again when it ends.
+        worker: its number among the workers; None: it is none.
         pid: process; 0: it does not run.
         young: how many have died young in a row.
         due: when it is forked again (monotonic) [s].
+        round: of a worker, what its byte was when it was forked.
     """
 
     name: str
     work: Callable[[], None]
     again: bool = True
+    worker: int | None = None
     pid: int = 0
     young: int = 0
     due: float = 0.0
+    round: int = 0
     began: float = field(default=0.0, repr=False)
+    beat: int = field(default=0, repr=False)
+    heard: float = field(default=0.0, repr=False)
 
 
 @dataclass
@@ -110,13 +124,15 @@ class Supervisor:
         self._problems = {each.name: each for each in problems}
         self._locks: list[int] = []
         self.listeners: dict[str, socket.socket] = {}
+        self._inherited = inherited_sockets()
         self._compiler: Job | None = None
         groups = [list(problems)[start::workers] for start in range(workers)]
         self._groups: list[list[Served | Text]] = [[*group] for group in groups if group]
         self._workers: list[Job] = []
-        # A worker leaves once its byte is not what it was when it was forked.
-        self._rounds = [0] * (len(self._groups) + MOST_LOADED)
-        self._round = mmap.mmap(-1, len(self._rounds))
+        # Two bytes of each worker: the first asks it to make room once it is not what it was when
+        # the worker was forked, and the second is counted up by the worker.
+        most = MOST_WORKERS + MOST_LOADED
+        self._rounds, self._beats = mmap.mmap(-1, most), mmap.mmap(-1, most)
         self._loading: _Loading | None = None
         self._own = own_terms(problems)
         self._door, self._to_door = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -125,7 +141,8 @@ class Supervisor:
         for each in problems:
             for name in each.loop_names:
                 self._lock(f"loop {name}", name)
-                self.listeners[name] = self.listen(socket_path(folder, name))
+                kept = self._inherited.get(name)
+                self.listeners[name] = kept or self.listen(socket_path(folder, name))
         for number in range(len(self._groups)):
             self._add_worker(number)
 
@@ -161,8 +178,9 @@ class Supervisor:
 
     def _add_worker(self, number: int) -> None:
         names = ", ".join(each.name for each in self._groups[number])
-        self._workers.append(Job(f"worker of {names}", lambda: self._work(number)))
-        self.jobs.append(self._workers[-1])
+        job = Job(f"worker of {names}", lambda: self._work(number), worker=number)
+        self._workers.append(job)
+        self.jobs.append(job)
 
     def _lock(self, what: str, name: str) -> None:
         """Claim the name of a socket; the lock is held by this process and all that it forks."""
@@ -202,7 +220,7 @@ class Supervisor:
 
     def _work(self, number: int) -> None:
         """Serve the loops of a group; this is a worker's whole life."""
-        mine = self._rounds[number]
+        mine = self._workers[number].round
         group = [each.load() if isinstance(each, Text) else each for each in self._groups[number]]
         for each in group:
             each.prepare(bool(each.engine))
@@ -213,7 +231,12 @@ class Supervisor:
             told |= {name: each.description(name) for name in each.loop_names}
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
         listeners = {name: self.listeners[name] for name in loops}
-        Worker(loops, listeners, told).run(lambda: self._round[number] != mine % 256)
+
+        def goes_on(idle: bool) -> bool:
+            self._beats[number] = (self._beats[number] + 1) % 256
+            return not (idle and self._rounds[number] != mine)
+
+        Worker(loops, listeners, told).run(goes_on)
 
     def compile_beside(self) -> None:
         """Compile the steps at idle priority; workers take them when nobody uses their loops.
@@ -245,8 +268,20 @@ class Supervisor:
 
     def _ask_to_leave(self, number: int, back: bool = False) -> None:
         """Have a worker leave once nobody uses its loops, or stay after all."""
-        self._rounds[number] += -1 if back else 1
-        self._round[number] = self._rounds[number] % 256
+        self._rounds[number] = (self._rounds[number] + (-1 if back else 1)) % 256
+
+    def _replace_what_hangs(self) -> None:
+        """End workers that have not gone round their loop for a while."""
+        now = time.monotonic()
+        for job in self.jobs:
+            if job.worker is None or not job.pid:
+                continue
+            if self._beats[job.worker] != job.beat:
+                job.beat, job.heard = self._beats[job.worker], now
+            elif now - max(job.heard, job.began) > HANGS:
+                say(f"{job.name} did nothing for {HANGS:g} s, and is ended")
+                os.kill(job.pid, signal.SIGKILL)
+                job.heard = now
 
     def run(self) -> None:
         """Serve until SIGTERM or SIGINT, then end all processes."""
@@ -256,13 +291,16 @@ class Supervisor:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: ended.append(1))
         signal.signal(signal.SIGCHLD, lambda *_: None)
+        pause = min(_ROUND, watchdog_seconds() or _ROUND)
         try:
             while not ended:
                 self._fork_what_is_due()
+                notify("READY=1\nWATCHDOG=1")
+                self._replace_what_hangs()
                 due = [job.due for job in self.jobs if not job.pid]
-                if self._loading is not None and self._loading.until < float("inf"):
+                if self._loading is not None:
                     due.append(self._loading.until)
-                wait = max(0.0, min(due) - time.monotonic()) if due else None
+                wait = max(0.0, min([*due, time.monotonic() + pause]) - time.monotonic())
                 woken = select.select([reader, self._door], [], [], wait)[0]
                 if reader in woken:
                     os.read(reader, 4096)
@@ -278,6 +316,10 @@ class Supervisor:
         for job in self.jobs:
             if job.pid or job.due > now:
                 continue
+            if job.worker is not None:
+                job.round = self._rounds[job.worker]
+                loads = any(isinstance(each, Text) for each in self._groups[job.worker])
+                job.heard = now + (_LONGEST_LOAD if loads else 0.0)
             job.began, job.pid = now, os.fork()
             if not job.pid:
                 _live(job)
@@ -329,7 +371,7 @@ class Supervisor:
         """Try a problem; this is the whole life of a process."""
         os.nice(10)
         resource.setrlimit(resource.RLIMIT_CPU, (_CHECKING, _CHECKING + 1))
-        signal.alarm(2 * _CHECKING)
+        signal.alarm(_LONGEST_LOAD)
         try:
             text.load().prepare(False)
         except ErgoqpError as error:
@@ -404,6 +446,8 @@ class Supervisor:
                 os.waitpid(job.pid, 0)
         for name, listener in self.listeners.items():
             listener.close()
+            if name in self._inherited:
+                continue
             socket_path(self.folder, name).unlink(missing_ok=True)
         if self._json is not None:
             self._json.close()

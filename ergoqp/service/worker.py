@@ -11,7 +11,7 @@ import signal
 import socket
 import struct
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from ergoqp.service.loop import Loop, Request
@@ -20,6 +20,8 @@ from ergoqp.service.schema import HEAD, SPOKEN, VERSION, Ask, Tell, note
 _PEER: Final = struct.Struct("3i")
 _DIE_WITH_PARENT: Final = 1
 _LOCK_ALL: Final = 3
+_ROUND: Final = 0.25
+"""How often a worker says that it lives [s]."""
 
 
 class Client:
@@ -76,18 +78,25 @@ class Worker:
         """Whether no loop has a commander, and no object moves."""
         return not self._commanders and not any(loop.moved for loop in self._loops.values())
 
-    def run(self, leave_when_idle: Any = None) -> None:
-        """Serve until the process ends, or until it shall make room and is idle.
+    def run(self, goes_on: Callable[[bool], bool]) -> None:
+        """Serve until the process ends, or is asked to make room.
 
         Args:
-            leave_when_idle: returns whether it shall make room.
+            goes_on: called a few times per second, with whether this worker is idle; returns
+                whether it goes on.
         """
-        while leave_when_idle is None or not (leave_when_idle() and self.idle):
-            for number, _ in self._poll.poll(-1 if leave_when_idle is None else 0.25):
-                if number in self._listening:
+        poll, due = self._poll.poll, 0.0
+        while True:
+            for number, _ in poll(_ROUND):
+                client = self._clients.get(number)
+                if client is not None:
+                    self._receive(client)
+                elif number in self._listening:
                     self._accept(*self._listening[number])
-                else:
-                    self._receive(self._clients[number])
+            if (now := time.monotonic()) >= due:
+                due = now + _ROUND
+                if not goes_on(self.idle):
+                    return
 
     def _accept(self, listener: socket.socket, loop: Loop) -> None:
         try:

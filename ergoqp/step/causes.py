@@ -67,7 +67,7 @@ _ROUNDED_FROM: Final = 20.0
 class Fault(IntEnum):
     """How the robot differs from its declaration.
 
-    The amount beside it is a factor, or is in seconds, metres or radians (speed jump: m/s, rad/s).
+    The amount beside it is a factor, or has the unit of `FAULT_UNITS`.
     """
 
     none = 0
@@ -81,6 +81,17 @@ class Fault(IntEnum):
     speed_jumps = 8
     position_scatters = 9
     orientation_scatters = 10
+
+
+FAULT_UNITS: Final = {
+    Fault.late: "s",
+    Fault.pose_jumps: "m",
+    Fault.pose_turns: "rad",
+    Fault.speed_jumps: "m/s, rad/s",
+    Fault.position_scatters: "m",
+    Fault.orientation_scatters: "rad",
+}
+"""Units of the amounts; those of other faults are a factor, or 0."""
 
 
 def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:

@@ -57,6 +57,26 @@ int main() {
 """
 
 
+FAULTS = """
+#define main example
+#include "main.c"
+#undef main
+int main(void) {
+    static ergoqp_output output;
+    int i;
+    output.status = ERGOQP_BRAKING;
+    output.causes = 1 << ERGOQP_CAUSE_ROBOT;
+    for (i = 0; i < ERGOQP_FAULTS; ++i) {
+        output.fault = i;
+        output.fault_amount = *ergoqp_fault_units[i] || i == ERGOQP_FAULT_FACTOR ? 0.25 : 0.0;
+        print_reason(&output);
+        printf("\\n");
+    }
+    return 0;
+}
+"""
+
+
 @pytest.fixture(scope="module", params=["screwing", "forearm"])
 def exported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export") / "step"
@@ -338,6 +358,29 @@ def test_the_header_is_for_cplusplus_too(exported, tmp_path):
     assert subprocess.run(["./main"], cwd=tmp_path, check=False).returncode == 0
 
 
+@pytest.mark.parametrize("exported", ["forearm"], indirect=True)
+def test_the_example_names_a_fault_and_its_amount(exported, tmp_path):
+    _, folder, library = exported
+    (tmp_path / "faults.c").write_text(FAULTS)
+    flags = ["-std=c99", "-Wall", "-Werror", f"-I{folder}/include", f"-I{folder}/example"]
+    command = ["gcc", *flags, "faults.c", str(library), f"-Wl,-rpath,{library.parent}"]
+    subprocess.run([*command, "-o", "faults"], cwd=tmp_path, check=True)
+    said = subprocess.run(["./faults"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert said.stdout.splitlines() == [
+        " robot",
+        " robot (stands_still)",
+        " robot (factor 0.25)",
+        " robot (another_axis)",
+        " robot (late 0.25 s)",
+        " robot (unasked)",
+        " robot (pose_jumps 0.25 m)",
+        " robot (pose_turns 0.25 rad)",
+        " robot (speed_jumps 0.25 m/s, rad/s)",
+        " robot (position_scatters 0.25 m)",
+        " robot (orientation_scatters 0.25 rad)",
+    ]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake")
 def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
@@ -419,7 +462,7 @@ def test_daqp_is_built_from_the_sources_that_are_named(exported, tmp_path):
     )
     options = "-B", str(build), f"-DDAQP_SOURCE={tmp_path / 'daqp'}"
     assert configured(folder, *options) == (True, "")
-    command = ["cmake", "--build", str(build), "--target", "daqpstat"]
+    command = ["cmake", "--build", str(build), "--target", "ergoqp_step_daqp"]
     subprocess.run(command, check=True, capture_output=True)
     assert b"stand_in" in (build / "libdaqpstat.a").read_bytes()
 
@@ -454,10 +497,12 @@ def test_the_example_begins_where_the_user_says(tmp_path):
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
-    (tmp_path / "mine.txt").write_text("keep")
+    mine = tmp_path / "include/motor_step.h"
+    mine.parent.mkdir()
+    mine.write_text("keep")
     with pytest.raises(InputError, match="holds something else"):
         export_step(ergoqp.load_problem("screwing"), tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine]
 
 
 def test_a_period_out_of_range_is_one_sentence(tmp_path, capsys):

@@ -19,7 +19,6 @@ from service_running import Running, running
 import ergoqp
 from ergoqp.errors import ProblemError
 from ergoqp.files.read import LONGEST_KEY
-from ergoqp.limits import WorkspaceBox
 from ergoqp.problem import schema
 from ergoqp.registry import GROUPS, data_folder
 from ergoqp.service.loads import LONGEST_PROBLEM, MOST_LOADED, Text, own_terms

@@ -34,7 +34,12 @@ static void print_reason(const ergoqp_output* output) {
     if (output->status == ERGOQP_BRAKING || output->status == ERGOQP_INVALID) {
         for (i = 0; i < ERGOQP_CAUSES; ++i)
             if (output->causes >> i & 1) printf(" %s", ergoqp_cause_names[i]);
-        if (output->fault) printf(" (fault %d, %.3g)", output->fault, output->fault_amount);
+        if (output->fault) {
+            const char* unit = ergoqp_fault_units[output->fault];
+            printf(" (%s", ergoqp_fault_names[output->fault]);
+            if (output->fault_amount != 0.0) printf(" %.3g%s%s", output->fault_amount, *unit ? " " : "", unit);
+            printf(")");
+        }
     }
     for (i = 0; i < ERGOQP_ROWS; ++i)
         if (output->outside[i] > 0.5) printf(" %s outside by %.3g %s;", ergoqp_row_names[i], -output->margins[i], ergoqp_row_units[i]);
