@@ -26,7 +26,6 @@ MOST_LOADED: Final = 8
 Own: TypeAlias = Mapping[tuple[str, str], frozenset[str]]
 """Texts that the tables of each own term may hold, by part and name of the term."""
 
-_LONGEST_WORDS: Final = 2000
 _MODEL: Final = re.compile(r"[A-Za-z0-9_-]{1,100}")
 _MODELS: Final = (("response", "gmr"), ("cost", "learned"), ("limits", "one_class_boundary"))
 """Terms with a model."""
@@ -144,7 +143,7 @@ def unpack_load(packet: bytes) -> tuple[int, str, str]:
 
 def pack_outcome(number: int, words: str) -> bytes:
     """Return the packet that says why a problem is not served, or nothing if it is."""
-    return json.dumps([number, words[:_LONGEST_WORDS]]).encode()
+    return json.dumps([number, words]).encode()
 
 
 def unpack_outcome(packet: bytes) -> tuple[int, str]:

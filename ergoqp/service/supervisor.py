@@ -45,6 +45,8 @@ _PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
 """Waits before a process is forked again, by how many have died young in a row [s]."""
 _CHECKING: Final = 20
 """How long a process may compute to load a problem that a client sent [s of CPU]."""
+_WORDS: Final = 4096
+"""Longest words about a problem that is refused [bytes]."""
 _LONGEST_LOAD: Final = 2 * _CHECKING
 """How long that process may take, and a worker until it begins to serve such a problem [s]."""
 _LEAVING: Final = 2.0
@@ -135,6 +137,8 @@ class Supervisor:
         self._rounds, self._beats = mmap.mmap(-1, most), mmap.mmap(-1, most)
         self._loading: _Loading | None = None
         self._own = own_terms(problems)
+        # Why a problem is refused, written by the process that tries it.
+        self._words = mmap.mmap(-1, _WORDS)
         self._door, self._to_door = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._door.setblocking(False)
         self._json: socket.socket | None = None
@@ -363,11 +367,12 @@ class Supervisor:
         holds = [
             i for i, group in enumerate(self._groups) for each in group if name in each.loop_names
         ]
-        job = Job("check of a problem", lambda: self._check(number, text), again=False)
+        self._words[:] = bytes(len(self._words))
+        job = Job("check of a problem", lambda: self._check(text), again=False)
         self._loading = _Loading(number, text, holds[0] if holds else None, job)
         self.jobs.append(job)
 
-    def _check(self, number: int, text: Text) -> None:
+    def _check(self, text: Text) -> None:
         """Try a problem; this is the whole life of a process."""
         os.nice(10)
         resource.setrlimit(resource.RLIMIT_CPU, (_CHECKING, _CHECKING + 1))
@@ -376,15 +381,18 @@ class Supervisor:
             text.load().prepare(False)
         except ErgoqpError as error:
             # The words are for the client; the log gets nothing that a client wrote.
-            self._tell(number, str(error))
+            words = str(error).encode()[: len(self._words) - 1]
+            self._words[: len(words)] = words
             raise ErgoqpError("a client's problem was refused") from None
 
     def _go_on_loading(self, loading: _Loading, job: Job, code: int) -> None:
         """Take the next step of loading after a process has ended."""
         text, group = loading.text, loading.group
         if job is loading.job:
-            if code:
-                # The process has said why, unless it could not; the door takes the first words.
+            said = self._words[:].rstrip(b"\0").decode(errors="ignore")
+            if code and said:
+                self._stop_loading(said)
+            elif code:
                 slow = -code in (signal.SIGXCPU, signal.SIGALRM)
                 why = f"building it took more than {_CHECKING} s" if slow else _how(code)
                 self._stop_loading(f"load: trying the problem failed ({why}); nothing is served")
