@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
     from ergoqp.step.answer import Step as Step
+    from ergoqp.step.formulate import Formulation as Formulation
+    from ergoqp.step.formulate import Formulator as Formulator
+    from ergoqp.step.formulate import formulate as formulate
     from ergoqp.step.function import initial_state as initial_state
     from ergoqp.step.function import step_function as step_function
     from ergoqp.step.replay import replay as replay
@@ -48,6 +51,8 @@ _LATER = {
     "Client": "ergoqp.service.client",
     "Control": "ergoqp.problem.settings",
     "DeclaredRobot": "ergoqp.problem.settings",
+    "Formulation": "ergoqp.step.formulate",
+    "Formulator": "ergoqp.step.formulate",
     "Frames": "ergoqp.problem.settings",
     "Problem": "ergoqp.problem.problem",
     "Seeker": "ergoqp.seeking.seeker",
@@ -57,6 +62,7 @@ _LATER = {
     "calibrate_frames": "ergoqp.identification.calibrate",
     "compare": "ergoqp.comparison.compare",
     "fit_postures": "ergoqp.mocap.load",
+    "formulate": "ergoqp.step.formulate",
     "identify": "ergoqp.identification.identify",
     "initial_state": "ergoqp.step.function",
     "load_cost": "ergoqp.costs.load",

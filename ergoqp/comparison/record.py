@@ -123,7 +123,7 @@ def record(
     recordings, done = [], 0
     for loop in range(seed, seed + steps):
         log.clear()
-        _run(problem, stepper, loop, (steps - done) * problem.dt)
+        closed_loop(problem, stepper, loop, (steps - done) * problem.dt)
         every: list[tuple[Qp, QpAnswer, bool]] = []
         for entry in log:
             solver.heard.clear()
@@ -173,8 +173,8 @@ def _points_start(problem: Problem, seed: int) -> np.ndarray:
     return points[int(np.argmax(problem.cost(points)))]
 
 
-def _run(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
-    """Run the loop once; the result is in the stepper's log."""
+def closed_loop(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
+    """Run a loop of a simulated person [s], from an awkward place; see the log of the stepper."""
     if tuple(problem.coordinates) != JOINTS:
         run_points(
             problem, _points_start(problem, seed), duration, stepper=stepper, stop_when_still=STILL

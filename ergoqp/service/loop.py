@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.service.packing import packing_of
 from ergoqp.service.reasons import reason_code
 from ergoqp.service.schema import (
     ANSWER_HEAD,
@@ -62,6 +63,7 @@ class Request:
         self.promise = frame.numbers(self.buffer, "promise")
         self.posture = frame.numbers(self.buffer, "posture")
         self.observed = frame.numbers(self.buffer, "observed")
+        self.address = self.pose.ctypes.data - frame.at["pose"].start
 
 
 class Loop:
@@ -108,7 +110,10 @@ class Loop:
         self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
         self._pose_at, self._rate_at = slices["pose_used"], slices["posture_rate"]
         self._causes_at = slices["causes"].start
-        self._period = 0.0
+        self._counted = np.arange(1.0, KNOTS + 1)
+        self._asked = (0, 0, 0.0, 0.0)
+        where = request_frame(self.coordinates), frame, self._out, self._copied
+        self._packing = packing_of(stepper, *where)
 
     def new_request(self) -> Request:
         """Return a buffer for the requests of one client."""
@@ -201,11 +206,14 @@ class Loop:
         dt: float,
     ) -> memoryview:
         """Return the frame of a step."""
-        stepper = self.stepper
+        stepper, packing = self.stepper, self._packing
         if bits & _ORDERS:
             self._obey(request, bits)
         if bits & _BRAKE:
             step = stepper.brake(dt)
+        elif packing is not None:
+            self._asked = request.address, bits, dt, age
+            step = stepper.step_filled(self._fill, bits & _FRAME != 0)
         else:
             step = stepper.step(
                 request.posture if bits & _FRAME else None,
@@ -219,12 +227,16 @@ class Loop:
         kept = {acted: self._kept[acted]} if acted in self._kept else {}
         kept[sequence] = stepper.state()
         self._kept, self._sequence = kept, sequence
-        knots = self._write_stop(dt)
-        values = step.values
-        self._twist[:] = step.twist
-        self._pose[...] = values[self._pose_at].reshape(4, 4).T
-        self._rate[:] = values[self._rate_at]
-        self._rest[:] = values[self._copied]
+        usual = dt == stepper.dt or SHORTEST_DT <= dt <= stepper.problem.longest_period
+        period, values = dt if usual else stepper.dt, step.values
+        if packing is not None:
+            knots = packing.tell(period)
+        else:
+            knots = self._write_stop(period)
+            self._twist[:] = step.twist
+            self._pose[...] = values[self._pose_at].reshape(4, 4).T
+            self._rate[:] = values[self._rate_at]
+            self._rest[:] = values[self._copied]
         causes, status = int(values[self._causes_at]), _STATUSES[step.status]
         code = reason_code(step, status, causes) if status or causes else 0
         self.moved = bool(values[0]) or not stepper.still
@@ -252,6 +264,11 @@ class Loop:
             step.solve_time,
         )
         return self._view
+
+    def _fill(self) -> bool:
+        """Write the request that is answered into the inputs of the step."""
+        assert self._packing is not None
+        return self._packing.take(*self._asked)
 
     def _obey(self, request: Request, bits: int) -> None:
         """Carry out what a request orders beside the step."""
@@ -283,21 +300,16 @@ class Loop:
         expected = None if firm or promise == UNKNOWN else promise
         self.stepper.guide(Guide(request.guide.copy(), expected, firm))
 
-    def _write_stop(self, dt: float) -> int:
+    def _write_stop(self, period: float) -> int:
         """Write the certified stop into the answer; return the number of knots."""
-        stepper = self.stepper
-        usual = dt == stepper.dt or SHORTEST_DT <= dt <= stepper.problem.longest_period
-        period = dt if usual else stepper.dt
-        twists = stepper.stop(period)
+        twists = self.stepper.stop(period)
         count = len(twists)
         if count <= KNOTS:
-            if period != self._period:
-                self._period, self._times[:] = period, period * np.arange(1.0, KNOTS + 1)
-            self._stop[:count] = twists
-        else:
-            chosen = chosen_knots(twists)
-            count, self._period = len(chosen), 0.0
-            self._times[:count], self._stop[:count] = (chosen + 1) * period, twists[chosen]
+            self._times[:], self._stop[:count] = period * self._counted, twists
+            return count
+        chosen = chosen_knots(twists)
+        count = len(chosen)
+        self._times[:count], self._stop[:count] = (chosen + 1) * period, twists[chosen]
         return count
 
 
@@ -310,8 +322,9 @@ def chosen_knots(twists: np.ndarray) -> np.ndarray:
     count = len(twists)
     bends = np.zeros(count)
     bends[1:-1] = np.sqrt(np.abs(twists[2:] - 2 * twists[1:-1] + twists[:-2]).max(axis=1))
-    bends[1:] += bends[1:].sum() / (8 * count) + 1e-12
+    bends[1:] += bends.sum() / (8 * count) + 1e-12
     along = np.cumsum(bends)
-    wanted = np.linspace(0.0, along[-1], KNOTS)
-    chosen = np.searchsorted(along, wanted * (1 - 1e-12))
+    wanted = along[-1] * np.arange(KNOTS) / (KNOTS - 1) * (1 - 1e-12)
+    chosen = np.searchsorted(along, wanted)
+    chosen[-1] = count - 1
     return np.unique(np.minimum(chosen, count - 1))

@@ -179,10 +179,11 @@ class NumericFunction(ca.Callback):
 def numeric(parts: Sequence[ca.DM]) -> Qp:
     """Return a QP of the step, with infinity in place of `FREE`."""
     arrays = [part.full() for part in parts]  # `__array__` of CasADi drops interrupts
-    return Qp(arrays[0], arrays[1].ravel(), arrays[2], *(_bound(part) for part in arrays[3:]))
+    return Qp(arrays[0], arrays[1].ravel(), arrays[2], *(infinite(part) for part in arrays[3:]))
 
 
-def _bound(values: Array) -> Array:
+def infinite(values: Array) -> Array:
+    """Return bounds of the step (k,), with infinity in place of `FREE`."""
     values = values.ravel()
     return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))
 

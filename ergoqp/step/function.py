@@ -39,7 +39,7 @@ from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
 from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
-from ergoqp.step.qp import away_function, solve_passes
+from ergoqp.step.qp import QP_DATA, away_function, solve_passes
 from ergoqp.step.rest import stalled
 from ergoqp.step.rows import update_recovery_timer
 
@@ -126,6 +126,9 @@ OUTPUTS: Final = (
     "astray",
     "amiss",
 )
+
+FORMULATED: Final = (*QP_DATA, "S", "slope", "gave")
+"""Further outputs of a step that gives its QP too, see `build_step`."""
 
 
 def read_inputs(
@@ -307,6 +310,7 @@ def build_step(
     unrolled: bool = False,
     every_branch: bool = False,
     spare: bool = False,
+    formulated: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
@@ -331,6 +335,9 @@ def build_step(
             only where all are needed; it is for `ergoqp.step.timing`.
         spare: whether no term calls Python, so that the step only brakes, see
             `ergoqp.step.model`.
+        formulated: whether it has the outputs `FORMULATED` too: the QP of the pass whose answer is
+            used, S of that pass, the gradient of V, and the slack of the rows of the QP. The step
+            itself is the same to the last bit.
     """
     model = StepModel(problem, guided, every_branch, spare)
     shape = scalars if unrolled else vectors
@@ -355,7 +362,7 @@ def build_step(
     signals |= landing(model, found, signals, shape)
 
     # The QP and its answer.
-    signals |= call_by_name(cost_function(model), signals)
+    signals |= call_by_name(cost_function(model, formulated), signals)
     # Rows of the posture may ask to come back while the seconds asked for are within those allowed.
     signals["asks"] = state["asked"][0] <= state["asked"][1] if model.asks_back else ca.MX(1)
     signals |= call_by_name(shape(away_function(model)), signals)
@@ -365,7 +372,8 @@ def build_step(
         if way is not None:
             pulls = way[3] <= 0
             signals |= {name: pulls * signals[name] for name in ("pull_H", "pull_g")}
-    signals |= solve_passes(model, solver, signals, shape)
+    signals |= solve_passes(model, solver, signals, shape, formulated)
+    signals["gave"] = signals["slack"]
 
     # The part of the answer that is certified and sent.
     signals |= call_by_name(gain_function(model), signals)
@@ -378,7 +386,7 @@ def build_step(
     signals |= {"pose_used": signals["pose"], "causes": signals["all_causes"]}
     signals |= {"cost": signals["value"], "margins": signals["now"], "fault": watched["said"][-2:]}
     signals |= {name: signals[f"all_{name}"] for name in ("slack", "multipliers")}
-    outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ())]
+    outputs = [*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()), *(FORMULATED if formulated else ())]
     results = once([signals[name] for name in outputs])
     return ca.Function(name, list(raw.values()), results, names, outputs)
 

@@ -42,12 +42,17 @@ _DENSE_LOOKS: Final = (0.3, 1.0)
 """The same for costs with large matrices, which do not change within a few centimetres."""
 
 
-def cost_function(model: StepModel) -> ca.Function:
+def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
     """``(posture, observed) -> (value, total, gradient)``: V, V with comfort, and its gradient.
 
     The gradient is zero for joints that are not seen or that the object cannot move.
 
     Where the sheet is flat, the comfort posture sets the direction.
+
+    Args:
+        model: model of the step.
+        with_slope: whether the function also gives ``slope``, the gradient of V itself. It is zero
+            for joints that are not seen.
     """
     problem, n = model.problem, len(model.problem.coordinates)
     q, observed = ca.MX.sym("q", n), ca.MX.sym("observed", n)
@@ -58,8 +63,10 @@ def cost_function(model: StepModel) -> ca.Function:
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
     gradient = ca.MX(n, 1)
     gradient[moved] = ((slope + weights * away) * is_set(observed))[moved]
-    names = (["posture", "observed"], ["value", "total", "gradient"])
-    function = ca.Function("cost", [q, observed], [value, total, ca.densify(gradient)], *names)
+    found = {"value": value, "total": total, "gradient": ca.densify(gradient)}
+    found |= {"slope": ca.densify(slope * is_set(observed))} if with_slope else {}
+    names = (["posture", "observed"], list(found))
+    function = ca.Function("cost", [q, observed], list(found.values()), *names)
     if _is_dense(problem):
         return function
     # As scalars, the value and its gradient share common subexpressions.

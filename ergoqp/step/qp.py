@@ -64,8 +64,7 @@ def build_qp(
         residual)``. The residual is the largest of primal, dual, gap and multiplier-sign residual
         in the infinity norm.
     """
-    shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
-    inputs = [ca.MX.sym(name, *shape) for name, shape in zip(QP_DATA, shapes, strict=True)]
+    inputs = _qp_inputs(m)
     hard = _hard(solver, m, inputs, shape)
     if m == 0:
         return hard
@@ -84,17 +83,9 @@ def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Fun
 def _relaxed(
     solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
 ) -> ca.Function:
-    H, g, A, lbA, ubA, side, cap, lb, ub = inputs
-    # The slack of a row without a cap has no effect and stays at 0 by its own curvature. With equal
-    # bounds instead, DAQP was seen to lose a multiplier.
-    loose = ca.if_else(cap > 0, 1.0, 0.0)
-    full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
-    full_g = ca.vertcat(g, PENALTY * loose)
-    full_A = ca.horzcat(A, -ca.diag(side * loose))
-    full_lb = ca.vertcat(lb, ca.MX(ca.DM.zeros(m)))
-    full_ub = ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0))
-    n = 6 + m
-    data = [ca.densify(full_H), full_g, ca.densify(full_A), lbA, ubA, full_lb, full_ub]
+    _, _, A, _, _, side, cap, _, _ = inputs
+    loose, n = ca.if_else(cap > 0, 1.0, 0.0), 6 + m
+    data = _with_slack(m, inputs, loose)
     x, rows, box = solver.function(n, m)(*data)
     residual = written_out(shape(_residual(n, m)), *data, x, rows, box)[0]
     xi, slack = x[:6], loose * x[6:]
@@ -103,6 +94,35 @@ def _relaxed(
         across = A[exact, :]
         xi -= across.T @ (side[exact] * used / ca.fmax(ca.sum2(across**2), ELBOW))
     return ca.Function("relaxed", inputs, [xi, slack, rows, residual])
+
+
+def _with_slack(m: int, inputs: list[ca.MX], loose: ca.MX) -> list[ca.MX]:
+    """Return the QP over twist and slack, of the twist's QP and which rows have a cap (m,)."""
+    H, g, A, lbA, ubA, side, cap, lb, ub = inputs
+    # The slack of a row without a cap has no effect and stays at 0 by its own curvature. With equal
+    # bounds instead, DAQP was seen to lose a multiplier.
+    full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
+    full_g = ca.vertcat(g, PENALTY * loose)
+    full_A = ca.horzcat(A, -ca.diag(side * loose))
+    full_lb = ca.vertcat(lb, ca.MX(ca.DM.zeros(m)))
+    full_ub = ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0))
+    return [ca.densify(full_H), full_g, ca.densify(full_A), lbA, ubA, full_lb, full_ub]
+
+
+def slack_function(m: int) -> ca.Function:
+    """Return ``QP_DATA -> (full_H, full_g, full_A, full_lb, full_ub)``: twist and slack (6 + m,).
+
+    The slack of a row without a cap is 0 in its answer.
+    """
+    inputs = _qp_inputs(m)
+    H, g, A, _, _, lb, ub = _with_slack(m, inputs, ca.if_else(inputs[6] > 0, 1.0, 0.0))
+    found = {"full_H": H, "full_g": g, "full_A": A, "full_lb": lb, "full_ub": ub}
+    return ca.Function("with_slack", inputs, list(found.values()), list(QP_DATA), list(found))
+
+
+def _qp_inputs(m: int) -> list[ca.MX]:
+    shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
+    return [ca.MX.sym(name, *shape) for name, shape in zip(QP_DATA, shapes, strict=True)]
 
 
 def _residual(n: int, m: int) -> ca.Function:
@@ -290,7 +310,11 @@ _PULL: Final = ("pull_H", "pull_g")
 
 
 def solve_passes(
-    model: StepModel, solver: QpSolver, signals: Mapping[str, ca.MX], shape: Shape
+    model: StepModel,
+    solver: QpSolver,
+    signals: Mapping[str, ca.MX],
+    shape: Shape,
+    with_data: bool = False,
 ) -> dict[str, ca.MX]:
     """Return the answer of the QP after as many passes as there are joints to lock.
 
@@ -300,13 +324,14 @@ def solve_passes(
         signals: the inputs of `ergoqp.step.qp.pass_data` except the lock; with a guide also
             ``pull_H`` and ``pull_g``, which are added to the objective.
         shape: how functions are written, see `ergoqp.expressions`.
+        with_data: whether the QP of the last pass is returned too.
 
     Returns:
         ``xi`` (6,), ``S`` and ``E`` of the last pass, ``slack`` and ``multipliers`` of the movable
         rows, the largest ``residual`` of the QP, which joints are ``locked``, whether there are
-        more to lock, and ``shift``, see `ergoqp.limits.LimitContext`.
+        more to lock, and ``shift``, see `ergoqp.limits.LimitContext`. ``with_data`` also `QP_DATA`.
     """
-    one_pass = _one_pass(model, solver, shape)
+    one_pass = _one_pass(model, solver, shape, with_data)
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
     first = call_by_name(one_pass, {**signals, **unlocked}, written=True)
     fixed = [signals[name] for name in one_pass.name_in()[:-2]]
@@ -337,7 +362,7 @@ def _further_passes(model: StepModel, one_pass: ca.Function, number: int) -> ca.
     return ca.Function("further_passes", [*inputs, *result], everything)
 
 
-def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
+def _one_pass(model: StepModel, solver: QpSolver, shape: Shape, with_data: bool) -> ca.Function:
     """Return one QP with a given lock set; the last inputs are ``locked`` and ``final``."""
     data = shape(pass_data(model))
     names = [*data.name_in()[:-2], *(_PULL if model.guided else ()), "locked", "final"]
@@ -353,7 +378,8 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     lock = shape(_newly_locked(model))
     known = {**mx, **answer, "xi": xi, "S": found["S"]}
     newly = call_by_name(lock, known, written=True)["newly_locked"]
-    result = {**answer, "xi": xi, **{name: found[name] for name in ("S", "E", "shift")}}
+    kept = ("S", "E", "shift", *(QP_DATA if with_data else ()))
+    result = {**answer, "xi": xi, **{name: found[name] for name in kept}}
     result |= {"next_locked": ca.fmax(mx["locked"], newly), "newly": ca.mmax(newly)}
     return mx.function("one_pass", result)
 

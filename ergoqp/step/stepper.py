@@ -33,7 +33,7 @@ from ergoqp.step.certification import stop_function
 from ergoqp.step.frames_check import VERDICTS
 from ergoqp.step.function import build_step, state_at_start, step_function
 from ergoqp.step.guide import Guide, read_guide
-from ergoqp.step.layout import CLOCK_ROUNDING, SHORTEST_DT
+from ergoqp.step.layout import CLOCK_ROUNDING, SHORTEST_DT, History
 from ergoqp.step.model import StepModel, callers, check_spare, guarded
 from ergoqp.step.rest import stalled
 
@@ -193,7 +193,7 @@ class Stepper:
         self._guided = place is not None
         self._model = StepModel(self.problem, self._guided)
         self._begin = state_at_start(self._model)
-        self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
+        self._bind(self._built(solver, compiled))
         closed = compiled and self.problem.surface is None
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
@@ -206,6 +206,12 @@ class Stepper:
             usual = self._led(usual, place)
         self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
 
+    def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
+        """Return the function of the step, or the one in which no term calls Python."""
+        if spare:
+            return build_step(self.problem, self._solver, guided=self._guided, spare=True)
+        return step_function(self.problem, solver, compiled, guided=self._guided)
+
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
         self._evaluator = evaluator = Evaluator(function)
@@ -217,7 +223,7 @@ class Stepper:
         self._raised: list[str] = []
         spare = function
         if callers(self.problem):
-            spare = build_step(self.problem, self._solver, guided=self._guided, spare=True)
+            spare = self._built(self._solver, spare=True)
             self._call = guarded(self._call, evaluator, spare, self._raised)
         if self._model.watched:
             check_spare(spare)
@@ -357,6 +363,24 @@ class Stepper:
         return self._slices
 
     @property
+    def places(self) -> Mapping[str, slice]:
+        """Where each input of the step function is in the first of `arrays`."""
+        return self._at
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """All inputs and all outputs of the step function (n,) (m,), which every call overwrites.
+
+        `step_filled` is for who writes the inputs by other means than Python.
+        """
+        return self._given, self._out
+
+    @property
+    def history(self) -> History:
+        """How much of the past the state holds."""
+        return self._model.history
+
+    @property
     def stalled(self) -> float:
         """For how long the object has moved without an improvement [s]; 0 at rest.
 
@@ -450,9 +474,7 @@ class Stepper:
             put(into["observed"], observed, self._shape, "observed", notes)
             mask = into["observed"]
             if "observed" in notes or ((mask != 0.0) & (mask != 1.0)).any():
-                # Which joints were seen is unknown, so the frame cannot be used.
-                into["observed"][:], into["posture"][:] = 1.0, np.nan
-                notes.setdefault("observed", "observed is not a mask of zeros and ones")
+                self._unseen(notes)
         if pose is not None:
             into["has_pose"][0] = 1.0
             put(self._pose_in, pose, (4, 4), "pose", notes)
@@ -474,6 +496,30 @@ class Stepper:
             mask = self._all if observed is None else into["observed"].copy()
             frame = (into["posture"].copy(), mask)
         return self._answer(ready, notes, start, frame)
+
+    def step_filled(self, fill: Callable[[], bool], frame: bool = True) -> Step:
+        """Return the step of inputs that a function writes into the first of `arrays`.
+
+        It is `step` for who has the inputs elsewhere than in Python. The record, the deadline and
+        the checks of types are left out.
+
+        Args:
+            fill: writes the inputs that differ from the usual ones, which are set before; returns
+                whether the mask ``observed`` is one of zeros and ones.
+            frame: whether it writes a posture.
+        """
+        start, ready, into = time.perf_counter(), self._ready, self._inputs
+        notes = self._begin_call(ready)
+        if not fill():
+            self._unseen(notes)
+        self._call()
+        seen = (into["posture"].copy(), into["observed"].copy()) if frame else ready[3]
+        return self._answer(ready, notes, start, seen)
+
+    def _unseen(self, notes: dict[str, str]) -> None:
+        """Drop the frame, because which joints were seen is unknown."""
+        self._inputs["observed"][:], self._inputs["posture"][:] = 1.0, np.nan
+        notes.setdefault("observed", "observed is not a mask of zeros and ones")
 
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
         """Return the next braking twist without new data.

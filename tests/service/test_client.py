@@ -292,7 +292,7 @@ def test_what_comes_behind_an_answer_is_never_taken_for_the_next(
 ) -> None:
     for more in (1, 3):
         client = service.client()
-        client.timeout, client._longest = 0.1, 60.0
+        client.timeout, client._longest = 0.5, 60.0
         with lying(
             tmp_path / str(more), lambda a, c=client, k=more: bytes(truth(c, a)) * (1 + k), client
         ):

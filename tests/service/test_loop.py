@@ -113,8 +113,11 @@ def made() -> Stepper:
     return stepper
 
 
-@pytest.fixture
-def talk(made: Stepper) -> Talk:
+@pytest.fixture(params=["machine code", "Python"])
+def talk(made: Stepper, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Talk:
+    """The frames are packed in machine code, or in Python where there is no compiler."""
+    if request.param == "Python":
+        monkeypatch.setattr("ergoqp.service.loop.packing_of", lambda *_: None)
     return Talk(Loop("screwing", made.sibling(), digest=7))
 
 
@@ -302,6 +305,48 @@ def test_hold_and_try_again_are_those_of_the_stepper(talk: Talk) -> None:
     again = talk.ask(START, USUAL | Flag.try_again, acted=held.sequence)
     assert again.twist.any()
     assert not again.marks & Mark.still
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.003, 0.001])
+def test_both_ways_of_packing_give_the_same_bytes(
+    dt: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From full speed, with bad inputs in between; the time that a step took differs."""
+    stepper = Stepper(PROBLEM, dt=dt)
+    stepper.warm_up()
+    one = Talk(Loop("screwing", stepper.sibling()))
+    monkeypatch.setattr("ergoqp.service.loop.packing_of", lambda *_: None)
+    other = Talk(Loop("screwing", stepper.sibling()))
+    rng, acted, knots = np.random.default_rng(0), 0, set()
+    full = PROBLEM.twist_limit.speed * [0.9, -0.5, 1, 0.4, -1, 0.2]
+    for number in range(120):
+        bits = int(USUAL) | int(rng.integers(0, 16)) & ~int(Flag.takes_over)
+        given = {
+            "posture": START + 0.05 * rng.standard_normal(32),
+            "pose": np.eye(4) + 1e-5 * rng.standard_normal((4, 4)),
+            "twist": full if number % 40 == 0 else 0.1 * rng.standard_normal(6),
+            "observed": rng.random(32) < 0.9,
+            "age": float(rng.choice([0.0, 0.01, 0.2, np.nan], p=[0.6, 0.3, 0.05, 0.05])),
+            "dt": dt * float(rng.choice([1, 1, 1, 2, 0.7, 900])),
+        }
+        if number % 9 == 4:
+            given["observed"] = np.full(32, 0.5)
+        if number % 40 == 0:
+            bits |= int(Flag.takes_over | Flag.twist)
+        first = one.ask(bits=bits, acted=acted, **given)
+        second = other.ask(bits=bits, acted=acted, **given)
+        assert first.kind == second.kind == Tell.step
+        for field in answer_frame(one.loop.coordinates, one.loop.rows).fields:
+            if field.name in ("session", "computed", "text"):
+                continue
+            left, right = getattr(first, field.name), getattr(second, field.name)
+            if field.name in ("times", "stop"):
+                k = first.knots * (6 if field.name == "stop" else 1)
+                left, right = left[:k], right[:k]
+            np.testing.assert_array_equal(left, right, err_msg=field.name)
+        acted = first.sequence
+        knots.add(first.knots)
+    assert max(knots) > 30
 
 
 @pytest.mark.parametrize("dt", [0.005, 0.001])
