@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
@@ -28,6 +29,7 @@ from ergoqp.service.lines import (
 from ergoqp.service.links import Link
 from ergoqp.service.loads import LONGEST_PROBLEM
 from ergoqp.sheets import reba
+from ergoqp.step.formulate import formulate
 
 VERBS: Final = ("step", "score", "describe", "health", "formulate", "load")
 
@@ -64,6 +66,9 @@ _OPTIONS: Final[dict[str, Callable[[str, Any], Any]]] = {
     "shoulder_raised": _flags,
 }
 """Options of the sheet, each with its reader."""
+
+_ONE_FORMULATES: Final = threading.Lock()
+"""What formulates keeps its arrays for the next call."""
 
 _MOST_POSTURES: Final = 1000
 _LONGEST_NAME: Final = 100
@@ -220,12 +225,12 @@ class Handler:
         table("formulate", said, _FORMULATE)
         loop = self._loop("formulate", said)
         problem = self._loops.problem(loop)
-        import ergoqp
-
-        found = posture("formulate.posture", said.get("posture"), problem.coordinates)
         given: dict[str, Any] = {}
-        if (unseen := np.isnan(found)).any():
-            found, given["observed"] = np.where(unseen, 0.0, found), ~unseen
+        found = state = None
+        if said.get("posture") is not None:
+            found = posture("formulate.posture", said["posture"], problem.coordinates)
+            if (unseen := np.isnan(found)).any():
+                found, given["observed"] = np.where(unseen, 0.0, found), ~unseen
         if said.get("pose") is not None:
             given["pose"] = pose("formulate.pose", said["pose"])
         if said.get("twist") is not None:
@@ -235,11 +240,10 @@ class Handler:
                 given[name] = number(f"formulate.{name}", said[name], "s")
         if "enable" in said:
             given["enable"] = flag("formulate.enable", said["enable"])
-        state = ergoqp.initial_state(problem)
         if said.get("state") is not None:
-            count = len(state)
-            state = np.array(numbers("formulate.state", said["state"], count, f"{count} numbers"))
-        return ergoqp.formulate(problem, state, found, **given).as_dict()
+            state = np.array(numbers("formulate.state", said["state"], None, "a list of numbers"))
+        with _ONE_FORMULATES:
+            return formulate(problem, state, found, **given).as_dict()
 
     def _load(self, said: Any) -> dict[str, Any]:
         table("load", said, ("name", "problem"))

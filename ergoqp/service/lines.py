@@ -161,13 +161,13 @@ def text(what: str, value: Any, most: int) -> str:
     return value
 
 
-def numbers(what: str, value: Any, count: int, allowed: str) -> list[float]:
-    """Return a list of numbers.
+def numbers(what: str, value: Any, count: int | None, allowed: str) -> list[float]:
+    """Return a list of numbers; a count of None allows any.
 
     Raises:
         LineError: if it is none, or has another length.
     """
-    if not isinstance(value, list) or len(value) != count:
+    if not isinstance(value, list) or count not in (None, len(value)):
         got = f"{len(value)} entries" if isinstance(value, list) else shown(value)
         raise LineError(f"{what}: got {got}, allowed {allowed}")
     for i, each in enumerate(value):

@@ -490,14 +490,40 @@ class TestVerbs:
         assert words in error_of(shared_talk.ask(score={"postures": [COMFORT], **said}))
 
     def test_formulate(self, shared_talk):
-        if not hasattr(ergoqp, "formulate"):
-            pytest.skip("ergoqp.formulate is not there yet")
         problem = ergoqp.load_problem("screwing")
         posture = np.array(COMFORT)
         expected = ergoqp.formulate(problem, ergoqp.initial_state(problem), posture).as_dict()
         answer = shared_talk.ask(formulate={"posture": COMFORT})
         assert answer == json.loads(write_line(expected))
-        assert "error" in shared_talk.ask(formulate={"posture": COMFORT, "state": [1.0]})
+        state = ergoqp.initial_state(problem).tolist()
+        pose = np.eye(4)
+        pose[:3, 3] = 0.4, 0.0, 1.0
+        given = {"dt": 0.02, "age": 0.05, "twist": [0.0] * 6}
+        expected = ergoqp.formulate(problem, state, posture, pose, **given).as_dict()
+        answer = shared_talk.ask(
+            formulate={"posture": COMFORT, "state": state, "pose": pose.tolist(), **given}
+        )
+        assert answer == json.loads(write_line(expected))
+        observed = np.arange(32) != 3
+        expected = ergoqp.formulate(problem, None, posture, observed=observed, enable=False)
+        seen = [each if i != 3 else None for i, each in enumerate(COMFORT)]
+        answer = shared_talk.ask(formulate={"posture": seen, "enable": False})
+        assert answer == json.loads(write_line(expected.as_dict()))
+        assert shared_talk.ask(formulate={})["status"] == "braking"
+
+    @pytest.mark.parametrize(
+        ("said", "words"),
+        [
+            ({"state": [1.0]}, "state"),
+            ({"state": 5}, "formulate.state: got 5, allowed a list of numbers"),
+            ({"posture": [1]}, "formulate.posture: got 1 entries, allowed 32"),
+            ({"twist": [1]}, "formulate.twist: got 1 entries"),
+            ({"enable": 1}, "formulate.enable: got 1"),
+            ({"hold": True}, "got the key 'hold', allowed loop"),
+        ],
+    )
+    def test_wrong_formulations(self, shared_talk, said, words):
+        assert words in error_of(shared_talk.ask(formulate={"posture": COMFORT, **said}))
 
     def test_lines_are_read_as_the_same_numbers(self):
         numbers = np.random.default_rng(0).normal(size=600) * 10.0 ** np.arange(-300, 300)
