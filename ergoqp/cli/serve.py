@@ -36,8 +36,8 @@ Examples:
 \b
 The first twist in a shell, by two commands:
   pip install ergoqp
-  echo '{"step": {"standing": true, "posture": {"trunk_flexion_deg": 20, "neck_flexion_deg": 5,
-    ...}}}' | ergoqp serve screwing --stdio
+  echo '{"step": {"standing": true, "posture": {"trunk_flexion_deg": 20}}}' |
+    ergoqp serve screwing --stdio
 """
 
 

@@ -70,7 +70,7 @@ _OPTIONS: Final[dict[str, Callable[[str, Any], Any]]] = {
 _ONE_FORMULATES: Final = threading.Lock()
 """What formulates keeps its arrays for the next call."""
 
-_MOST_POSTURES: Final = 1000
+_MOST_POSTURES: Final = 100
 _LONGEST_NAME: Final = 100
 
 

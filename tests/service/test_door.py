@@ -19,6 +19,7 @@ from service_running import Running
 
 import ergoqp
 from ergoqp import JOINTS, reba
+from ergoqp.cli import serve
 from ergoqp.errors import ProblemError
 from ergoqp.service.door import Handler
 from ergoqp.service.lines import DEEPEST, LONGEST_LINE, LineError, read_line, write_line
@@ -202,6 +203,23 @@ class TestStep:
         answer = Talk().step(posture=np.degrees(COMFORT).tolist(), standing=True)
         assert answer["status"] == "invalid"
         assert "allowed" in answer["reason"]
+
+    def test_a_guide(self, monkeypatch):
+        place = np.array(Talk().step(standing=True)["pose"])
+        talk, led = Talk(), list[Any]()
+        talk.loops = OwnLoops([served("screwing", guide=place)])
+        talk.handler = Handler(talk.loops, None)
+        monkeypatch.setattr(ergoqp.Stepper, "guide", lambda self, guide: led.append(guide))
+        place[2, 3] -= 0.1
+        assert "twist" in talk.step(standing=True)
+        assert not led
+        for said in (place.tolist(), place.ravel().tolist(), None):
+            assert "twist" in talk.step(guide=said)
+        # The same place again does not begin the way to it anew.
+        assert len(led) == 2
+        assert np.array_equal(led[0].pose, place)
+        assert (led[0].promise, led[0].firm, led[1]) == (None, False, None)
+        assert "step.guide: got 3 entries" in error_of(talk.step(guide=[1, 2, 3]))
 
     def test_guide_needs_a_loop_with_one(self):
         assert "guide" in error_of(Talk().step(standing=True, guide=None))
@@ -591,6 +609,12 @@ class TestStandardInput:
         assert "allowed 1000000" in answers[2]["error"]
         assert answers[3]["id"] == "last"
         assert done.stderr == b""
+
+    def test_the_two_commands_of_the_help(self):
+        command = serve.ABOUT[serve.ABOUT.index("  echo ") :]
+        shell = command.replace("ergoqp serve", f"{sys.executable} -m ergoqp serve")
+        done = subprocess.run(["sh", "-c", shell], capture_output=True, timeout=120)
+        assert len(json.loads(done.stdout)["twist"]) == 6, done.stderr
 
     def test_no_lines(self):
         done = self.run(b"")

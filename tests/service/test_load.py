@@ -41,6 +41,8 @@ def running_service() -> Iterator[Running]:
         found.client().close()
         Lines.by_unix(found.folder).close()
         yield found
+        log = found.log.read_text()
+        assert "Traceback" not in log, log
 
 
 @pytest.fixture

@@ -52,6 +52,8 @@ def door() -> Iterator[Door]:
         found.token = (found.folder / TOKEN_FILE).read_bytes().strip()
         found.__class__ = Door
         yield found  # type: ignore[misc]
+        log = found.log.read_text(errors="replace")
+        assert "Traceback" not in log, log
 
 
 def steps_of(door: Door) -> int:
@@ -170,8 +172,10 @@ class TestToken:
 
     def test_a_long_first_line_is_closed_at_once(self, door):
         with Lines.by_tcp(door.port) as lines:
+            begun = time.monotonic()
             lines.send(b"x" * 1000)
             assert lines.read() is None
+            assert time.monotonic() - begun < 1.5
 
 
 class TestBadLines:
