@@ -33,7 +33,7 @@ MOST_CONNECTIONS: Final = 32
 LONGEST_WAIT: Final = 10.0
 """How long a line may take from its first byte to its end [s]."""
 
-_STUCK: Final = 5.0
+STUCK: Final = 5.0
 """How long a client may refuse to take an answer [s]."""
 _LOADING: Final = 60.0
 """How long loading a problem may take [s]."""
@@ -131,7 +131,7 @@ class OtherLoops:
         """Ask the supervisor; return why it refuses, or nothing."""
         number, until = time.monotonic_ns(), time.monotonic() + _LOADING
         try:
-            self._supervisor.settimeout(_STUCK)
+            self._supervisor.settimeout(STUCK)
             self._supervisor.send(pack_load(number, name, problem))
             while (left := until - time.monotonic()) > 0:
                 self._supervisor.settimeout(left)
@@ -237,7 +237,7 @@ class JsonDoor:
         entry = admit(connection, self._token, self._loops.names)
         if not isinstance(entry, Entry):
             if entry:
-                connection.settimeout(_STUCK)
+                connection.settimeout(STUCK)
                 connection.sendall(write_line({"error": entry}))
         elif entry.loop is None:
             self._converse(connection, label, entry.rest, patient=False)
@@ -252,7 +252,7 @@ class JsonDoor:
                 answer = handler.answer(line)
                 if handler.commands is not None:
                     self._loops.labels[handler.commands] = label
-                connection.settimeout(_STUCK)
+                connection.settimeout(STUCK)
                 connection.sendall(answer.line)
                 if answer.bad and not patient:
                     return

@@ -616,6 +616,44 @@ class TestStandardInput:
         done = subprocess.run(["sh", "-c", shell], capture_output=True, timeout=120)
         assert len(json.loads(done.stdout)["twist"]) == 6, done.stderr
 
+    def test_time_between_lines_says_nothing(self):
+        command = [sys.executable, "-m", "ergoqp", "serve", "screwing", "--stdio"]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        with subprocess.Popen(command, **pipes) as process:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            for said in ({"standing": True}, {}):
+                request = json.dumps({"step": {"posture": COMFORT, **said}}).encode()
+                process.stdin.write(request + b"\n")
+                process.stdin.flush()
+                # Every answer comes at once, not with the end of the input.
+                assert "twist" in json.loads(process.stdout.readline())
+                time.sleep(0.2)
+            process.stdin.close()
+            assert process.wait(20) == 0
+
+    def test_standard_output_is_json_alone(self):
+        program = """
+import os
+from ergoqp.service import stdio
+from ergoqp.service.served import served
+class Noisy(stdio.Handler):
+    def answer(self, line):
+        os.write(1, b"noise of a library\\n")
+        print("more noise", flush=True)
+        return super().answer(line)
+stdio.Handler = Noisy
+stdio.serve_stdio([served("screwing")])
+"""
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            input=b'{"health": {}}',
+            capture_output=True,
+            timeout=120,
+        )
+        assert set(json.loads(done.stdout)) == {"health"}
+        assert done.stderr == b"noise of a library\nmore noise\n"
+
     def test_no_lines(self):
         done = self.run(b"")
         assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")

@@ -240,7 +240,7 @@ class TestService:
         with Lines.by_unix(running_service.folder) as other:
             other.ask(step={"loop": "overhead", "moving": True, "twist": [0.02, 0, 0, 0, 0, 0]})
         free(lines, "overhead")
-        assert "moves" in load(lines, "overhead")["error"]
+        assert "was left moving" in load(lines, "overhead")["error"]
         # Once somebody reports that it stands, it is.
         with Lines.by_unix(running_service.folder) as other:
             other.ask(step={"loop": "overhead", **STEP, "enable": False})

@@ -22,7 +22,7 @@ from service_running import Running, running
 
 from ergoqp.errors import InputError
 from ergoqp.service import json_door
-from ergoqp.service.json_door import MOST_CONNECTIONS, lines_from
+from ergoqp.service.json_door import MOST_CONNECTIONS, STUCK, lines_from
 from ergoqp.service.lines import LONGEST_LINE
 from ergoqp.service.schema import HEAD, VERSION, Ask, Tell
 from ergoqp.service.tcp import TOKEN_FILE, listen_tcp, read_port
@@ -362,11 +362,20 @@ class TestLimits:
             assert second is not None
             assert second["id"] == 5
 
+    @pytest.mark.slow
     def test_a_client_that_does_not_read_ends_alone(self, door):
         with Lines.by_unix(door.folder) as deaf, Lines.by_unix(door.folder) as lines:
             deaf.socket.settimeout(1)
             assert ended(deaf, [b'{"describe": {"loop": "screwing"}}\n' * 20] * 100_000)
             assert "health" in lines.ask(health={})
+            # The door gives it up, and does not wait for ever with a thread and a place.
+            time.sleep(STUCK + 2)
+            deaf.socket.settimeout(20)
+            try:
+                while deaf.socket.recv(65536):
+                    pass
+            except ConnectionResetError:
+                pass
 
     def test_a_client_that_ends_its_sending_is_answered(self, door):
         with Lines.by_unix(door.folder) as lines:
