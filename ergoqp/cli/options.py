@@ -7,15 +7,16 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
-from ergoqp.mocap import Recording, load_recording
-from ergoqp.placing.optimise import check_search
+
+if TYPE_CHECKING:
+    from ergoqp.mocap import Recording
 
 Up = StrEnum(
     "Up", {"x": "x", "y": "y", "z": "z", "minus_x": "-x", "minus_y": "-y", "minus_z": "-z"}
@@ -161,6 +162,8 @@ class RecordingOptions:
         Raises:
             ErgoqpError: if it cannot be read with these options.
         """
+        from ergoqp.mocap import load_recording  # what some commands do not need is slow to import
+
         read: dict[str, Any] = {
             "person": self.person_value,
             "up": self.up and self.up.value,
@@ -205,6 +208,8 @@ class SearchOptions:
         Raises:
             InputError: if one cannot be used; the message names it.
         """
+        from ergoqp.placing.optimise import check_search
+
         check_search(**asdict(self))
 
 

@@ -12,27 +12,36 @@ import typer
 
 from ergoqp.cli.common import writing
 from ergoqp.cli.options import Guide, folder_of, option
-from ergoqp.cli.run import guide_named
 from ergoqp.errors import InputError
 from ergoqp.service.c_header import header
 from ergoqp.service.folder import private_folder
 from ergoqp.service.recorder import check_record
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
+from ergoqp.service.stdio import serve_stdio
 from ergoqp.service.supervisor import MOST_WORKERS, Supervisor, say
 from ergoqp.service.systemd import units
+from ergoqp.service.tcp import read_port
 
 ABOUT = """Serve the control step of problems to other processes.
 
-Each problem is a loop with a socket, for the clients in Python and C. The service ends by Ctrl-C.
+Each problem is a loop with a socket, for the clients in Python and C, and one socket, json.sock,
+takes lines of JSON for all loops. The service ends by Ctrl-C.
 
 \b
 Examples:
   ergoqp serve screwing
   ergoqp serve screwing overhead --loops 4 --fifo 20
   ergoqp serve screwing --record loop.mcap
+  ergoqp serve screwing --tcp 5555
   ergoqp serve --schema
   ergoqp serve --header > ergoqp_client.h
+
+\b
+The first twist in a shell, by two commands:
+  pip install ergoqp
+  echo '{"step": {"standing": true, "posture": {"trunk_flexion_deg": 20}}}' |
+    ergoqp serve screwing --stdio
 """
 
 
@@ -69,6 +78,23 @@ def command(
     record: Annotated[
         Path | None, option("FILE", "Record all steps in a new file, such as loop.mcap [none].")
     ] = None,
+    tcp: Annotated[
+        str | None,
+        option(
+            "PORT",
+            "Serve lines of JSON and frames by TCP too, to programs of this machine that send the"
+            " token of the file tcp.token [no TCP].",
+        ),
+    ] = None,
+    stdio: Annotated[
+        bool,
+        option(
+            None,
+            "Read requests from standard input and write answers to standard output, a line of JSON"
+            " each, in one process without sockets.",
+            "--stdio",
+        ),
+    ] = False,
     systemd: Annotated[
         Path | None,
         option("DIR", "Write units for systemd that serve like this, and end.", parser=folder_of),
@@ -94,6 +120,7 @@ def command(
     _check("--loops", loops, 1, 256)
     _check("--workers", workers, 1, MOST_WORKERS)
     _check("--fifo", fifo, 1, 99)
+    port = None if tcp is None else read_port(tcp)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
     if record is not None:
@@ -105,14 +132,28 @@ def command(
         _write_units(systemd, [loop for each in served_problems for loop in each.loop_names])
         return
     if guide is not None:
+        from ergoqp.cli.run import guide_named  # slow to import, and rarely needed
+
         for each in served_problems:
             each.guide = guide_named(each.problem, guide)
     for each in served_problems:
         each.prepare(bool(compiled))
+    if stdio:
+        _check_alone(tcp=tcp, workers=workers, fifo=fifo, dir=folder)
+        serve_stdio(served_problems)
+        return
     where = private_folder(folder)
     supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo, record)
     for name in supervisor.listeners:
         say(f"loop {name} at {where / name}.sock")
+    try:
+        for said in supervisor.open_json_door(port):
+            say(said)
+    except InputError as error:
+        if port is not None:
+            raise
+        # Another service of this folder has it; the loops have their own sockets.
+        say(f"no lines of JSON: {error}")
     if compiled is None:
         supervisor.compile_beside()
     supervisor.run()
@@ -137,6 +178,13 @@ def _write_units(folder: Path, loops: list[str]) -> None:
 def _check(name: str, value: int | None, least: int, most: int) -> None:
     if value is not None and not least <= value <= most:
         raise InputError(f"{name}: got {value}, allowed {least} to {most}")
+
+
+def _check_alone(**others: object) -> None:
+    """Refuse options of sockets beside ``--stdio``."""
+    for name, value in others.items():
+        if value is not None:
+            raise InputError(f"--{name}: got {str(value)!r}, allowed only without --stdio")
 
 
 def _check_names(problems: list[Served]) -> None:

@@ -62,12 +62,39 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         InputError: if it does not exist, is not a file, is too large, has a key of too many parts,
             or is not TOML.
     """
-    text = _text(path, what, LARGEST_TOML)
+    return toml_of(toml_text(path, what), f"{what}: {path.name}")
+
+
+def toml_text(path: Path, what: str) -> str:
+    """Return the text of a TOML file.
+
+    Args:
+        path: path of the file.
+        what: what the file is, for the message.
+
+    Raises:
+        InputError: if it does not exist, is not a file, is too large, or is not text.
+    """
+    return _text(path, what, LARGEST_TOML)
+
+
+def toml_of(text: str, what: str) -> dict[str, Any]:
+    """Return the tables of a TOML text.
+
+    Args:
+        text: the text.
+        what: what it is, for the message.
+
+    Raises:
+        InputError: if it is too large, has a key of too many parts, or is not TOML.
+    """
+    if len(text) > LARGEST_TOML:
+        raise InputError(f"{what}: got {len(text)} characters, allowed {LARGEST_TOML}")
     if long := _LONG_KEY.search(text):
         line = text.count("\n", 0, long.start()) + 1
         raise InputError(
-            f"{what}: {path.name}: got a key of more than {LONGEST_KEY} parts in line {line},"
-            " allowed a shorter one"
+            f"{what}: got a key of more than {LONGEST_KEY} parts in line {line}, allowed a shorter"
+            " one"
         )
     try:
         return tomllib.loads(text)
@@ -76,7 +103,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     except ValueError as error:  # invalid TOML, and numbers with thousands of digits
         why = str(error)
     hint = next((f" ({hint})" for words, hint in _HINTS.items() if words in why), "")
-    raise InputError(f"{what}: {path.name}: not a TOML file: {why}{hint}")
+    raise InputError(f"{what}: not a TOML file: {why}{hint}")
 
 
 def read_json(path: Path, what: str) -> Any:

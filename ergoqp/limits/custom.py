@@ -20,7 +20,6 @@ from typing import Any, Final
 
 import casadi as ca
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ergoqp.arguments import of_package
 from ergoqp.errors import ErgoqpError, ProblemError, in_words
@@ -43,6 +42,14 @@ _EXACT: Final = 1e-3
 _RATES_ROUNDING: Final = 1e-7
 
 
+def _turn(vector: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) about a vector by its length [rad]."""
+    # Slow to import, and only needed for terms of users.
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
 @dataclass(frozen=True)
 class _Place:
     """A state and what its rows say there.
@@ -61,7 +68,7 @@ class _Place:
         """Return the place after a displacement (6,) [m, rad] of the object."""
         pose = self.pose.copy()
         pose[:3, 3] += displacement[:3]
-        pose[:3, :3] = Rotation.from_rotvec(displacement[3:]).as_matrix() @ pose[:3, :3]
+        pose[:3, :3] = _turn(displacement[3:]) @ pose[:3, :3]
         return replace(self, posture=self.posture + self.sensitivity @ displacement, pose=pose)
 
 
@@ -158,7 +165,7 @@ class OwnRates:
         rng, n = np.random.default_rng(0), self._rows.numel_in(0)
         for corners in (_NEAR, _WIDE) * _PLACES:
             pose = np.eye(4)
-            pose[:3, :3] = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+            pose[:3, :3] = _turn(rng.normal(size=3))
             pose[:3, 3] = rng.uniform(*corners)
             yield _Place(rng.uniform(-0.3, 0.3, n), pose, rng.normal(size=(n, 6)))
 

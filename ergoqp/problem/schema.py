@@ -406,6 +406,17 @@ def file_table(raw: Mapping[str, Any]) -> Any:
     return create_model("FileTable", __base__=FileTable, **parts) if parts else FileTable
 
 
+def own_names(raw: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the part and name of every term of a file that is not the package's."""
+    return [
+        (part, name)
+        for part, table in _PARTS.items()
+        if isinstance(raw.get(part), Mapping)
+        for name in raw[part]
+        if name not in table.model_fields
+    ]
+
+
 def own_tables(table: Table) -> dict[str, Table]:
     """Return the tables of the user's terms in a part of a file: those that no class declares."""
     known = next(kind for kind in _PARTS.values() if isinstance(table, kind)).model_fields

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from ergoqp._version import __version__
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError, ProblemError
+from ergoqp.files.read import toml_of, toml_text
 from ergoqp.problem.load import find_problem, problem_from_dict
 from ergoqp.problem.problem import Problem
 from ergoqp.service.loop import Loop
@@ -19,6 +20,10 @@ from ergoqp.service.schema import ENGINES, SPOKEN, VERSION
 from ergoqp.step.stepper import Stepper
 
 _NAMES: Final = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-"
+_LONGEST_NAME: Final = 64
+
+JSON_DOOR: Final = "json"
+"""Name of the socket for lines of JSON, which no loop can have."""
 
 
 @dataclass
@@ -106,7 +111,26 @@ def served(name: str, dt: float | None = None, count: int = 1, guide: Any = None
         ProblemError: if there is no such problem, it has mistakes, or its name is none for a file.
     """
     path = find_problem(name)
-    return served_text(path.read_text(encoding="utf-8"), path.stem, path.parent, dt, count, guide)
+    try:
+        text = toml_text(path, "problem")
+    except InputError as error:
+        raise ProblemError(str(error)) from None
+    return served_text(text, path.stem, path.parent, dt, count, guide)
+
+
+def check_name(name: str) -> None:
+    """Check the name of a problem, which names sockets too.
+
+    Raises:
+        ProblemError: if it is none for a file, or that of the socket for lines of JSON.
+    """
+    if not name or set(name) - set(_NAMES) or len(name) > _LONGEST_NAME:
+        raise ProblemError(
+            f"problem: got the name {shown(name)}, allowed 1 to {_LONGEST_NAME} letters, digits, -"
+            " and _"
+        )
+    if name == JSON_DOOR:
+        raise ProblemError(f"problem: got the name {name!r}, allowed another one")
 
 
 def served_text(
@@ -122,12 +146,11 @@ def served_text(
     Raises:
         ProblemError: if it has mistakes, or `name` is none for a file.
     """
-    if not name or set(name) - set(_NAMES):
-        raise ProblemError(f"problem: got the name {name!r}, allowed letters, digits, - and _")
+    check_name(name)
     try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ProblemError(f"{name}: {error}; give a problem file in TOML") from None
+        raw = toml_of(text, name)
+    except InputError as error:
+        raise ProblemError(str(error)) from None
     problem = problem_from_dict(raw, name, folder)
     if dt is not None:
         try:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import mmap
 import os
+import resource
 import select
 import signal
 import socket
@@ -17,8 +19,18 @@ from typing import Final, NoReturn
 
 from ergoqp.errors import ErgoqpError, InputError
 from ergoqp.service.folder import socket_path
-from ergoqp.service.served import Served
+from ergoqp.service.json_door import JsonDoor, OtherLoops
+from ergoqp.service.loads import (
+    LONGEST_PACKET,
+    MOST_LOADED,
+    Text,
+    own_terms,
+    pack_outcome,
+    unpack_load,
+)
+from ergoqp.service.served import JSON_DOOR, Served
 from ergoqp.service.systemd import inherited_sockets, notify, watchdog_seconds
+from ergoqp.service.tcp import TOKEN_FILE, listen_tcp, new_token
 from ergoqp.service.worker import Worker, die_with_parent, settle_in
 
 BACKLOG: Final = 16
@@ -33,6 +45,14 @@ _PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
 """Waits before a process is forked again, by how many have died young in a row [s]."""
 _FAREWELL: Final = 3.0
 """Time that a process has for finishing its work [s]."""
+_CHECKING: Final = 20
+"""How long a process may compute to load a problem that a client sent [s of CPU]."""
+_WORDS: Final = 4096
+"""Longest words about a problem that is refused [bytes]."""
+_LONGEST_LOAD: Final = 2 * _CHECKING
+"""How long that process may take, and a worker until it begins to serve such a problem [s]."""
+_LEAVING: Final = 2.0
+"""How long a worker may take to make room for one with another problem [s]."""
 
 
 @dataclass
@@ -48,6 +68,7 @@ class Job:
         pid: process; 0: it does not run.
         young: how many have died young in a row.
         due: when it is forked again (monotonic) [s].
+        round: of a worker, what its byte was when it was forked.
     """
 
     name: str
@@ -58,9 +79,29 @@ class Job:
     pid: int = 0
     young: int = 0
     due: float = 0.0
+    round: int = 0
     began: float = field(default=0.0, repr=False)
     beat: int = field(default=0, repr=False)
     heard: float = field(default=0.0, repr=False)
+
+
+@dataclass
+class _Loading:
+    """A problem that a client has sent, until it is served or refused.
+
+    Attributes:
+        number: number of the request.
+        text: the problem.
+        group: number of the worker that has the loop already; None: nobody has it.
+        job: process that checks it, as long as it does.
+        until: until when that worker may make room (monotonic) [s]; infinite while it is not asked.
+    """
+
+    number: int
+    text: Text
+    group: int | None
+    job: Job
+    until: float = float("inf")
 
 
 class Supervisor:
@@ -95,22 +136,29 @@ class Supervisor:
         self._problems = {each.name: each for each in problems}
         self._locks: list[int] = []
         self.listeners: dict[str, socket.socket] = {}
-        # One byte of each worker: whether it shall make room, and one that it counts up.
-        self._step_aside, self._beats = mmap.mmap(-1, MOST_WORKERS), mmap.mmap(-1, MOST_WORKERS)
         self._inherited = inherited_sockets()
         self._compiler: Job | None = None
         groups = [list(problems)[start::workers] for start in range(workers)]
+        self._groups: list[list[Served | Text]] = [[*group] for group in groups if group]
+        self._workers: list[Job] = []
+        # Two bytes of each worker: the first asks it to make room once it is not what it was when
+        # the worker was forked, and the second is counted up by the worker.
+        most = MOST_WORKERS + MOST_LOADED
+        self._rounds, self._beats = mmap.mmap(-1, most), mmap.mmap(-1, most)
+        self._loading: _Loading | None = None
+        self._own = own_terms(problems)
+        # Why a problem is refused, written by the process that tries it.
+        self._words = mmap.mmap(-1, _WORDS)
+        self._door, self._to_door = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._door.setblocking(False)
+        self._json: socket.socket | None = None
         for each in problems:
             for name in each.loop_names:
-                self._lock(name)
+                self._lock(f"loop {name}", name)
                 kept = self._inherited.get(name)
                 self.listeners[name] = kept or self.listen(socket_path(folder, name))
-        self._groups = [group for group in groups if group]
-        for number, group in enumerate(self._groups):
-            names = ", ".join(each.name for each in group)
-            job = Job(f"worker of {names}", lambda n=number, g=group: self._work(n, g))
-            job.worker = number
-            self.jobs.append(job)
+        for number in range(len(self._groups)):
+            self._add_worker(number)
         self._senders: list[socket.socket] = []
         if record is not None:
             self._record(record.absolute())
@@ -125,19 +173,56 @@ class Supervisor:
         recorder = Recorder(path, receivers, list(self._problems.values()), say)
         self.jobs.append(Job("recorder", recorder.run, last=True))
 
-    def _lock(self, name: str) -> None:
-        """Claim a loop's name; the lock is held by this process and all that it forks."""
+    def open_json_door(self, port: int | None = None) -> list[str]:
+        """Serve lines of JSON by a process of its own; return what the log says about it.
+
+        Args:
+            port: port of loopback TCP; 0: any free one. None: TCP is closed.
+
+        Raises:
+            InputError: if a socket cannot be bound, or another service of this folder has the door.
+        """
+        self._lock("JSON door", JSON_DOOR)
+        path = socket_path(self.folder, JSON_DOOR)
+        self._json = unix = self.listen(path)
+        said, tcp, token = [f"lines of JSON at {path}"], [], b""
+        if port is not None:
+            tcp, token = listen_tcp(port), new_token(self.folder)
+            said.append(
+                f"TCP on this machine at port {tcp[0].getsockname()[1]}, token in"
+                f" {self.folder / TOKEN_FILE}"
+            )
+
+        def work() -> None:
+            problems = {
+                name: each for group in self._groups for each in group for name in each.loop_names
+            }
+            loops = OtherLoops(self.folder, problems, self._own, self._to_door)
+            JsonDoor(loops, self.folder, unix, tcp, token).run()
+
+        self.jobs.append(Job("JSON door", work))
+        return said
+
+    def _add_worker(self, number: int) -> None:
+        names = ", ".join(each.name for each in self._groups[number])
+        job = Job(f"worker of {names}", lambda: self._work(number), worker=number)
+        self._workers.append(job)
+        self.jobs.append(job)
+
+    def _lock(self, what: str, name: str) -> None:
+        """Claim the name of a socket; the lock is held by this process and all that it forks."""
         path = self.folder / f"{name}.lock"
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-        self._locks.append(lock)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.pread(lock, 20, 0).decode() or "another process"
+            os.close(lock)
             raise InputError(
-                f"loop {name}: served by process {holder} in {str(self.folder)!r} already; end it,"
+                f"{what}: served by process {holder} in {str(self.folder)!r} already; end it,"
                 " or give another --dir"
             ) from None
+        self._locks.append(lock)
         os.ftruncate(lock, 0)
         os.pwrite(lock, str(os.getpid()).encode(), 0)
 
@@ -160,8 +245,12 @@ class Supervisor:
         listener.setblocking(False)
         return listener
 
-    def _work(self, number: int, group: Sequence[Served]) -> None:
+    def _work(self, number: int) -> None:
         """Serve the loops of a group; this is a worker's whole life."""
+        mine = self._workers[number].round
+        group = [each.load() if isinstance(each, Text) else each for each in self._groups[number]]
+        for each in group:
+            each.prepare(bool(each.engine))
         said = settle_in(self._priority)
         loops, told = {}, {}
         for each in group:
@@ -169,16 +258,15 @@ class Supervisor:
             told |= {name: each.description(name) for name in each.loop_names}
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
         listeners = {name: self.listeners[name] for name in loops}
-        waits = any(not each.engine for each in group) and self._compiler is not None
         feed = None
-        if self._senders:
+        if number < len(self._senders):
             from ergoqp.service.recorder import Feed
 
             feed = Feed(self._senders[number])
 
         def goes_on(idle: bool) -> bool:
             self._beats[number] = (self._beats[number] + 1) % 256
-            return not (waits and idle and self._step_aside[number])
+            return not (idle and self._rounds[number] != mine)
 
         Worker(loops, listeners, told, feed).run(goes_on)
 
@@ -206,7 +294,13 @@ class Supervisor:
         except ErgoqpError as error:
             say(f"the step goes on interpreted: {error}")
             return
-        self._step_aside[:] = b"\1" * len(self._step_aside)
+        for number, group in enumerate(self._groups):
+            if any(isinstance(each, Served) for each in group):
+                self._ask_to_leave(number)
+
+    def _ask_to_leave(self, number: int, back: bool = False) -> None:
+        """Have a worker leave once nobody uses its loops, or stay after all."""
+        self._rounds[number] = (self._rounds[number] + (-1 if back else 1)) % 256
 
     def _replace_what_hangs(self) -> None:
         """End workers that have not gone round their loop for a while."""
@@ -236,10 +330,16 @@ class Supervisor:
                 notify("READY=1\nWATCHDOG=1")
                 self._replace_what_hangs()
                 due = [job.due for job in self.jobs if not job.pid]
+                if self._loading is not None:
+                    due.append(self._loading.until)
                 wait = max(0.0, min([*due, time.monotonic() + pause]) - time.monotonic())
-                if select.select([reader], [], [], wait)[0]:
+                woken = select.select([reader, self._door], [], [], wait)[0]
+                if reader in woken:
                     os.read(reader, 4096)
+                if self._door in woken:
+                    self._hear()
                 self._reap()
+                self._stop_waiting()
         finally:
             self._end_all()
 
@@ -248,6 +348,10 @@ class Supervisor:
         for job in self.jobs:
             if job.pid or job.due > now:
                 continue
+            if job.worker is not None:
+                job.round = self._rounds[job.worker]
+                loads = any(isinstance(each, Text) for each in self._groups[job.worker])
+                job.heard = now + (_LONGEST_LOAD if loads else 0.0)
             job.began, job.pid = now, os.fork()
             if not job.pid:
                 _live(job)
@@ -267,11 +371,109 @@ class Supervisor:
             job.due = time.monotonic() + wait
             if job is self._compiler:
                 self._compiled(code)
+            if self._loading is not None:
+                self._go_on_loading(self._loading, job, code)
             if not job.again:
                 self.jobs.remove(job)
             elif code:
-                how = f"signal {-code}" if code < 0 else f"status {code}"
-                say(f"{job.name} ended after {lived:.1f} s by {how}, and is started again")
+                say(f"{job.name} ended after {lived:.1f} s by {_how(code)}, and is started again")
+
+    def _hear(self) -> None:
+        """Begin to load a problem that the door sends; its text is not read in this process."""
+        try:
+            number, name, problem = unpack_load(self._door.recv(LONGEST_PACKET))
+        except (OSError, ValueError):
+            return
+        loaded = {each.name for group in self._groups for each in group if isinstance(each, Text)}
+        if self._loading is not None:
+            self._tell(number, "load: another problem is being loaded; send it again")
+            return
+        if len(loaded | {name}) > MOST_LOADED:
+            self._tell(number, f"load: got {len(loaded)} loaded problems, allowed {MOST_LOADED}")
+            return
+        text = Text(name, problem, self._own)
+        holds = [
+            i for i, group in enumerate(self._groups) for each in group if name in each.loop_names
+        ]
+        self._words[:] = bytes(len(self._words))
+        job = Job("check of a problem", lambda: self._check(text), again=False)
+        self._loading = _Loading(number, text, holds[0] if holds else None, job)
+        self.jobs.append(job)
+
+    def _check(self, text: Text) -> None:
+        """Try a problem; this is the whole life of a process."""
+        os.nice(10)
+        resource.setrlimit(resource.RLIMIT_CPU, (_CHECKING, _CHECKING + 1))
+        signal.alarm(_LONGEST_LOAD)
+        try:
+            text.load().prepare(False)
+        except ErgoqpError as error:
+            # The words are for the client; the log gets nothing that a client wrote.
+            words = str(error).encode()[: len(self._words) - 1]
+            self._words[: len(words)] = words
+            raise ErgoqpError("a client's problem was refused") from None
+
+    def _go_on_loading(self, loading: _Loading, job: Job, code: int) -> None:
+        """Take the next step of loading after a process has ended."""
+        text, group = loading.text, loading.group
+        if job is loading.job:
+            said = self._words[:].rstrip(b"\0").decode(errors="ignore")
+            if code and said:
+                self._stop_loading(said)
+            elif code:
+                slow = -code in (signal.SIGXCPU, signal.SIGALRM)
+                why = f"building it took more than {_CHECKING} s" if slow else _how(code)
+                self._stop_loading(f"load: trying the problem failed ({why}); nothing is served")
+            elif group is None:
+                self._serve_new(text)
+            else:
+                loading.until = time.monotonic() + _LEAVING
+                self._ask_to_leave(group)
+        elif group is not None and job is self._workers[group] and loading.until < float("inf"):
+            if code:
+                self._stop_loading(f"loop {text.name}: its process ended; nothing was replaced")
+                return
+            self._groups[group] = [
+                text if text.name in each.loop_names else each for each in self._groups[group]
+            ]
+            self._problems.pop(text.name, None)
+            say(f"loop {text.name}: its problem is replaced by one that a client sent")
+            self._stop_loading("")
+
+    def _serve_new(self, text: Text) -> None:
+        """Begin to serve a problem that was tried."""
+        try:
+            path = socket_path(self.folder, text.name)
+            self._lock(f"loop {text.name}", text.name)
+            self.listeners[text.name] = self.listen(path)
+        except InputError as error:
+            self._stop_loading(str(error))
+            return
+        self._groups.append([text])
+        self._add_worker(len(self._groups) - 1)
+        say(f"loop {text.name} at {path}, sent by a client")
+        self._stop_loading("")
+
+    def _stop_waiting(self) -> None:
+        """Let a worker stay that did not make room."""
+        loading = self._loading
+        if loading is None or loading.group is None or time.monotonic() < loading.until:
+            return
+        self._ask_to_leave(loading.group, back=True)
+        self._stop_loading(
+            f"loop {loading.text.name}: it, or a loop beside it, is commanded or moves; nothing was"
+            " replaced"
+        )
+
+    def _stop_loading(self, words: str) -> None:
+        assert self._loading is not None
+        self._tell(self._loading.number, words)
+        self._loading = None
+
+    def _tell(self, number: int, words: str) -> None:
+        """Tell the door how loading ended; a door that does not listen loads again."""
+        with contextlib.suppress(OSError):
+            self._door.send(pack_outcome(number, words))
 
     def _end_all(self) -> None:
         for job in sorted(self.jobs, key=lambda job: job.last):
@@ -283,6 +485,14 @@ class Supervisor:
             if name in self._inherited:
                 continue
             socket_path(self.folder, name).unlink(missing_ok=True)
+        if self._json is not None:
+            self._json.close()
+            socket_path(self.folder, JSON_DOOR).unlink(missing_ok=True)
+            (self.folder / TOKEN_FILE).unlink(missing_ok=True)
+
+
+def _how(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"status {code}"
 
 
 def _finished(pid: int) -> bool:
