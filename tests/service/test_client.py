@@ -205,20 +205,22 @@ def lying(path: Path, answer: Callable[[bytes], bytes | None], client: Client) -
                 connection, _ = listener.accept()
             except TimeoutError:
                 continue
-            connection.settimeout(0.1)
-            while not ended.is_set():
-                try:
-                    asked = connection.recv(65536)
-                except TimeoutError:
-                    continue
-                except OSError:
-                    break
-                if not asked:
-                    break
-                if (told := answer(asked)) is None:
-                    break
+            with connection:
+                connection.settimeout(0.1)
+                converse(connection)
+
+    def converse(connection: socket.socket) -> None:
+        while not ended.is_set():
+            try:
+                asked = connection.recv(65536)
+                told = answer(asked) if asked else None
+                if told is None:
+                    return
                 connection.sendall(told)
-            connection.close()
+            except TimeoutError:
+                continue
+            except OSError:
+                return
 
     thread = threading.Thread(target=serve)
     thread.start()
