@@ -114,7 +114,7 @@ class Fake:
         self._listener.bind(os.fspath(path))
         self._listener.listen(4)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
+        self._thread = threading.Thread(target=self._serve, daemon=True)
         self._listener.settimeout(0.05)
         self._thread.start()
 

@@ -568,6 +568,17 @@ def test_a_faster_robot_is_led_along_straight_lines(fake: Fake, puppet: Puppet) 
     np.testing.assert_allclose(puppet.numbers("at", 0.015), 0.025)
 
 
+def test_a_line_begins_where_the_last_one_had_come_to(fake: Fake, puppet: Puppet) -> None:
+    puppet.init(fake.path, dt=1.0)
+    puppet.ask("reset")
+    puppet.step(START)
+    time.sleep(0.3)
+    puppet.step(START)
+    here = puppet.numbers("at", 0.0)[0]
+    assert 0.03 <= here < 0.07
+    np.testing.assert_allclose(puppet.numbers("at", 0.5), (here + 0.1) / 2)
+
+
 def test_no_call_waits_longer_than_its_timeout(fake: Fake, puppet: Puppet) -> None:
     fake.answer = lambda asked: b""
     puppet.init(fake.path, timeout=0.1)
