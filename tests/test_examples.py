@@ -12,6 +12,7 @@ import pytest
 from service_running import running
 
 from ergoqp.joints import JOINTS
+from ergoqp.service.c_header import header
 from ergoqp.service.command import STEP_KEYS
 from ergoqp.service.tcp import TOKEN_FILE
 
@@ -45,6 +46,7 @@ SAYS = {
 
 def test_every_example_is_tested():
     assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SAYS)
+    assert [path.name for path in EXAMPLES.glob("*.cpp")] == ["service_loop.cpp"]
 
 
 @pytest.mark.slow
@@ -65,6 +67,27 @@ def test_example(name, tmp_path):
 
 
 @pytest.mark.slow
+def test_example_in_cpp(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("e")
+    (folder / "ergoqp_client.h").write_text(header())
+    strict = ["-Wall", "-Wextra", "-Werror", "-pedantic"]
+    for year in (11, 20):
+        command = ["g++", f"-std=c++{year}", "-O2", *strict, "-I.", "-o", "service_loop"]
+        subprocess.run([*command, EXAMPLES / "service_loop.cpp"], cwd=folder, check=True)
+    with running(folder / "s", "screwing", "--interpreted") as service:
+        service.client().close()
+        done = subprocess.run(
+            ["./service_loop", service.socket(), "4"], cwd=folder, capture_output=True, text=True
+        )
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    costs = [float(cost) for cost in re.findall(r"cost ([0-9.]+)", done.stdout)[1:]]
+    assert len(costs) == 7
+    # It makes the posture better, also where a busy machine lets it brake at times.
+    assert costs[-1] < costs[0] - 0.1
+    assert lines[-1].startswith("at rest; late")
+
+
 @pytest.mark.skipif(os.name != "posix" or not shutil.which("sh"), reason="there is no shell")
 def test_example_in_a_shell(tmp_path):
     done = subprocess.run(

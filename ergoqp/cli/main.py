@@ -29,6 +29,8 @@ COMMANDS: Final = {
     "compare": "Compare QP solvers on the QPs of a problem.",
     "export": "Write the control step of a problem as C99.",
     "serve": "Serve the control step to other processes.",
+    "relay": "Execute twists and their stops beside the robot.",
+    "replay": "Compute the steps of a service's record again.",
 }
 """The commands, each a file of this folder with a function ``command``, and what each is for."""
 

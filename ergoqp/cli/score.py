@@ -34,7 +34,8 @@ from ergoqp.simulation.description import in_words
 
 ABOUT = """Score every frame of a recording by REBA.
 
-Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints and ROS bags.
+Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints, ROS bags and records
+of ergoqp serve.
 
 Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. Load,
 grip and support are stated by options. Where a part of the body is not seen, a score has a lowest

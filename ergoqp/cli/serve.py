@@ -13,7 +13,9 @@ import typer
 from ergoqp.cli.common import writing
 from ergoqp.cli.options import Guide, folder_of, option
 from ergoqp.errors import InputError
+from ergoqp.service.c_header import header
 from ergoqp.service.folder import private_folder
+from ergoqp.service.recorder import check_record
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
 from ergoqp.service.stdio import serve_stdio
@@ -30,8 +32,10 @@ takes lines of JSON for all loops. The service ends by Ctrl-C.
 Examples:
   ergoqp serve screwing
   ergoqp serve screwing overhead --loops 4 --fifo 20
+  ergoqp serve screwing --record loop.mcap
   ergoqp serve screwing --tcp 5555
   ergoqp serve --schema
+  ergoqp serve --header > ergoqp_client.h
 
 \b
 The first twist in a shell, by two commands:
@@ -71,6 +75,9 @@ def command(
             "DIR", "Private folder of the sockets [runtime directory].", "--dir", parser=folder_of
         ),
     ] = None,
+    record: Annotated[
+        Path | None, option("FILE", "Record all steps in a new file, such as loop.mcap [none].")
+    ] = None,
     tcp: Annotated[
         str | None,
         option(
@@ -95,6 +102,9 @@ def command(
     print_schema: Annotated[
         bool, option(None, "Print the frames of the protocol as JSON.", "--schema")
     ] = False,
+    print_header: Annotated[
+        bool, option(None, "Print the client for C and C++, one header.", "--header")
+    ] = False,
 ) -> None:
     """Serve until interrupted.
 
@@ -104,12 +114,18 @@ def command(
     if print_schema:
         typer.echo(json.dumps(schema(), indent=2))
         return
+    if print_header:
+        typer.echo(header(), nl=False)
+        return
     _check("--loops", loops, 1, 256)
     _check("--workers", workers, 1, MOST_WORKERS)
     _check("--fifo", fifo, 1, 99)
     port = None if tcp is None else read_port(tcp)
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
+    if record is not None:
+        # A service that systemd starts again goes on in another file.
+        check_record(record, again="LISTEN_FDS" in os.environ)
     served_problems = [served(name, dt, loops) for name in problems]
     _check_names(served_problems)
     if systemd is not None:
@@ -127,7 +143,7 @@ def command(
         serve_stdio(served_problems)
         return
     where = private_folder(folder)
-    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo)
+    supervisor = Supervisor(served_problems, where, workers or len(served_problems), fifo, record)
     for name in supervisor.listeners:
         say(f"loop {name} at {where / name}.sock")
     try:
@@ -148,7 +164,7 @@ def _write_units(folder: Path, loops: list[str]) -> None:
     arguments, skip = [], False
     for word in sys.argv[2:]:
         if not (skip or word.startswith("--systemd")):
-            arguments.append(os.path.abspath(word) if word.endswith(".toml") else word)
+            arguments.append(os.path.abspath(word) if word.endswith((".toml", ".mcap")) else word)
         skip = word == "--systemd"
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -283,8 +283,10 @@ def joints_of(
         motion = place(motion, where, reading.body, reading.trust)
         check_placed(motion.names, where, _unread(motion.columns, "columns"))
     naming, unit = reading.naming, reading.unit
-    if reading.subject is not None or not _names_whom(naming, motion.names):
-        motion = of_subject(motion, reading.subject, where)
+    # A reader that has chosen the person gives names without a prefix.
+    subject = None if reading.subject == motion.subject else reading.subject
+    if subject is not None or not _names_whom(naming, motion.names):
+        motion = of_subject(motion, subject, where)
     skin = _landmarks(motion.names, naming)
     if skin is None:
         used, found = naming_of(motion, naming, where)

@@ -40,6 +40,7 @@ from ergoqp.mocap.assumptions import (
     windowed,
 )
 from ergoqp.mocap.fitting.axes import UPS
+from ergoqp.mocap.fitting.blind import blinded
 from ergoqp.mocap.fitting.jitter import smoothed
 from ergoqp.mocap.fitting.neutral import Neutral, calibration_poses, shift_of, straightened
 from ergoqp.mocap.fitting.posture import Fit, fit
@@ -116,7 +117,7 @@ def recording_of(
     # An hour is large: what is not needed any more is freed, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in found.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
-    upright, whole, unshown = found.upright, found.whole, found.unshown
+    upright, whole, unshown, blind = found.upright, found.whole, found.unshown, motion.blind
     doubt = _doubt_of(found.doubts)
     del motion, found
     world = {}
@@ -156,6 +157,7 @@ def recording_of(
     world = _in_one_block(world)
     result = fit(body, world, time, part_of(progress, _FOUND, 1.0), doubt)
     result = _without(result, unshown)
+    result = blinded(result, blind)
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
@@ -419,10 +421,11 @@ def load_recording(
     path = path_of("recording", path)
     if isinstance(columns, str) or not all(isinstance(each, str) and each for each in columns):
         raise InputError(f"columns: got {shown(columns)}, allowed a list of names")
-    asked = TableOptions(tuple(columns), None if rate is None else _rate(rate), _trusted(trust))
-    reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     for what, name in (("subject", subject), ("thing", thing)):
         check_kind(what, name, (str, NoneType), "a name or None")
+    hertz = None if rate is None else _rate(rate)
+    asked = TableOptions(tuple(columns), hertz, _trusted(trust), subject)
+    reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
     reading = replace(reading, subject=subject, thing=thing)
     progress = progress or unseen
     # The motion is not kept here: an hour is large, and is freed as soon as its joints are named.

@@ -15,6 +15,7 @@ import numpy as np
 
 from ergoqp.arguments import Progress, shown, unmasked, unseen
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
+from ergoqp.files.mcap import profile_of
 from ergoqp.mocap.fitting.axes import UPS
 from ergoqp.mocap.formats.text import BAG_MARKS, TableOptions, beginning, is_number
 from ergoqp.mocap.formats.times import FASTEST, LONGEST, SLOWEST
@@ -72,8 +73,9 @@ MVNX: Final = Kind("MVNX", (".mvnx",), "mvnx.read_mvnx")
 MOTIVE: Final = Kind("Motive CSV", (".csv",), "motive.read_motive")
 NEXUS: Final = Kind("Nexus CSV", (".csv",), "nexus.read_nexus")
 TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), "table.read_table")
+RECORD: Final = Kind("record of the service", (".mcap",), "service_record.read_service_record")
 BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), "bag.read_bag")
-KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG)
+KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG, RECORD)
 """The formats that are read, with the usual endings of their files."""
 
 
@@ -121,7 +123,7 @@ def kind_of(path: Path) -> Kind:
 def _marked(first: bytes) -> Kind | None:
     """Return the format whose mark is at the start of a file; None if there is none."""
     if first.startswith(tuple(BAG_MARKS)):
-        return BAG
+        return RECORD if profile_of(first) == "ergoqp" else BAG
     if first[1:2] == b"P" and _function("c3d.is_c3d")(first):
         return C3D
     text = first.decode("utf-8-sig", "replace").lstrip()

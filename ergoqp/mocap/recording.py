@@ -45,6 +45,10 @@ class JointMotion:
             kept.
         in_file: name -> its name in the file, where that is another.
         columns: column of the file that is no point -> what it is used as; empty if not used.
+        subject: the person whose motion it is, if the reader has chosen; else empty.
+        beside: whether the poses of objects are in the axes of the person's pelvis.
+        blind: joint -> the frames in which a file of our joint angles does not have its angle (n,)
+            bool.
 
     Example:
         >>> import numpy as np
@@ -69,6 +73,9 @@ class JointMotion:
     twice: tuple[str, ...] = ()
     in_file: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
+    subject: str = ""
+    beside: bool = False
+    blind: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def of(self, name: str) -> np.ndarray:
         """Return the path of one joint centre, shape (n, 3) [file unit].
@@ -93,6 +100,7 @@ class JointMotion:
             turns={name: change(each) for name, each in self.turns.items()},
             objects={name: change(each) for name, each in self.objects.items()},
             angles={name: change(each) for name, each in self.angles.items()},
+            blind={name: change(each) for name, each in self.blind.items()},
         )
 
     def joints(self, keep: Mapping[str, str]) -> JointMotion:

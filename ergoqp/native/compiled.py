@@ -36,6 +36,9 @@ FLAGS: Final = (
     "-ffp-contract=off",
 )
 
+PROGRAM_FLAGS: Final = ("-std=c99", "-O2", "-w")
+"""Flags of a program."""
+
 
 class CompilerError(ErgoqpError):
     """There is no C compiler, or the compilation failed.
@@ -86,8 +89,32 @@ def shared_library(
     Raises:
         CompilerError: if there is no compiler, or it fails; with its first error.
     """
+    return _built(name, sources, archives, includes, FLAGS, ".so")
+
+
+def program(name: str, sources: dict[str, str]) -> Path:
+    """Return the program of C sources, compiled once and kept in the user's cache.
+
+    Args:
+        name: name of the program, a word.
+        sources: as for `shared_library`.
+
+    Raises:
+        CompilerError: if there is no compiler, or it fails; with its first error.
+    """
+    return _built(name, sources, (), (), PROGRAM_FLAGS, ".run")
+
+
+def _built(
+    name: str,
+    sources: dict[str, str],
+    archives: Sequence[Path],
+    includes: Sequence[Path],
+    flags: Sequence[str],
+    ending: str,
+) -> Path:
     command = compiler()
-    parts = [*command, _version(command), platform.machine(), *FLAGS]
+    parts = [*command, _version(command), platform.machine(), *flags]
     parts += [text for pair in sorted(sources.items()) for text in pair]
     key = hashlib.sha256("\0".join(parts).encode())
     for archive in archives:
@@ -95,7 +122,7 @@ def shared_library(
     cache = cache_folder() / "compiled"
     folder = cache / key.hexdigest()[:32]
     try:
-        if (kept := _whole(folder, name)) is not None:
+        if (kept := _whole(folder, name, ending)) is not None:
             return kept
         cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=cache) as scratch:
@@ -104,32 +131,32 @@ def shared_library(
             units = [file for file in sources if file.endswith(".c")]
             folders = [f"-I{each}" for each in (scratch, *includes)]
             _run(
-                [*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"],
+                [*command, *flags, *folders, *units, *map(str, archives), "-lm", "-o", "made"],
                 scratch,
             )
-            made = Path(scratch) / "out.so"
+            made = Path(scratch) / "made"
             if not made.is_file() or not made.stat().st_size:
                 raise CompilerError(
-                    f"C compiler: {shlex.join(command)!r} wrote no library; name a C compiler in CC"
+                    f"C compiler: {shlex.join(command)!r} wrote no file; name a C compiler in CC"
                 )
-            path = folder / f"{name}-{_digest(made)}.so"
+            path = folder / f"{name}-{_digest(made)}{ending}"
             folder.mkdir(exist_ok=True)
-            # Renaming is atomic: another process finds the whole library or none.
+            # Renaming is atomic: another process finds the whole file or none.
             made.replace(path)
     except OSError as error:
         raise CompilerError(
-            f"compiled step: the cache {str(cache)!r} cannot be written: {error.strerror or error};"
-            " give a folder with room, below XDG_CACHE_HOME or ~/.cache"
+            f"compiled {name}: the cache {str(cache)!r} cannot be written:"
+            f" {error.strerror or error}; give a folder with room, below XDG_CACHE_HOME or ~/.cache"
         ) from None
     return path
 
 
-def _whole(folder: Path, name: str) -> Path | None:
-    """Return the library in a folder if its content is unchanged since it was written.
+def _whole(folder: Path, name: str, ending: str) -> Path | None:
+    """Return the built file in a folder if its content is unchanged since it was written.
 
     Loading a truncated library would end the process.
     """
-    for path in sorted(folder.glob(f"{name}-*.so")):
+    for path in sorted(folder.glob(f"{name}-*{ending}")):
         if path.stem == f"{name}-{_digest(path)}":
             return path
         path.unlink()

@@ -42,6 +42,7 @@ _BEGINS: Final = int(Flag.stands | Flag.takes_over)
 _ORDERS: Final = int(Flag.hold | Flag.try_again | Flag.guide | Flag.no_guide)
 _STEP, _TOLD, _STILL = int(Ask.step), int(Tell.step), int(Mark.still)
 _STATUSES: Final = {status.name: status for status in Status}
+_HOLD, _UNRECORDED = int(Flag.hold), int(Mark.unrecorded)
 
 _UNKNOWN: Final = (
     "the service does not know what the robot does: report that it stands, or take over by its"
@@ -79,6 +80,12 @@ class Loop:
         session: number of the present beginning; 0: nobody has reported what the robot does.
         undone: answers that were taken back so far.
         moved: whether the last answer was not at rest.
+        before: the state before the last step (n,), which nothing changes; None if the last
+            answer was no step. With `led` and `turned` it is for a record.
+        led: the guide before the last step: pose and promise, nothing for none; None for that of
+            the start.
+        turned: whether the last step began anew, undid answers, or changed hold or guide.
+        unrecorded: set by who could not record an answer; the next one says so.
     """
 
     def __init__(self, name: str, stepper: Stepper, engine: int = 0, digest: int = 0) -> None:
@@ -93,6 +100,10 @@ class Loop:
         self._guide: bytes | None = None
         self._said: tuple[int, int, int] | None = None
         self._text = bytes(TEXT)
+        self.before: np.ndarray | None = None
+        self.led: bytes | None = None
+        self.turned = self.unrecorded = False
+        self._bits = 0
         frame = answer_frame(self.coordinates, self.rows)
         self._length, self._out = frame.length, bytearray(frame.length)
         self._view = memoryview(self._out)
@@ -139,7 +150,7 @@ class Loop:
             age,
             dt,
         ) = REQUEST_HEAD.unpack_from(request.buffer)
-        wrong = ""
+        wrong, self.before = "", None
         if version not in SPOKEN:
             wrong = f"version: got {version}, allowed {', '.join(map(str, SPOKEN))}"
         elif kind != _STEP:
@@ -164,7 +175,28 @@ class Loop:
             return note(Tell.refused, sequence, wrong, self.session)
         elif self._continue_from(acted, followed, dt):
             marks |= Mark.undone
+        else:
+            self.before = self._kept[acted]
         return self._step(request, sequence, acted, bits, marks, age, dt)
+
+    def resume(self, session: int, acted: int, state: np.ndarray, guide: bytes | None) -> None:
+        """Continue from the state before a recorded step, as if its client had acted on an answer.
+
+        Args:
+            session: the session of the step.
+            acted: the answer that its request says was executed.
+            state: the state before it (n,).
+            guide: as `led`; None only if no guide was ever changed.
+
+        Raises:
+            InputError: if it is no state of this problem.
+        """
+        stepper = self.stepper
+        if self._guided and guide is not None and guide != self._guide:
+            self._take_guide(guide)
+        stepper.restore(state)
+        self.session, self._sequence, self._bits = session, acted, 0
+        self._kept, self._braked = {acted: state}, None
 
     def _begin(self, request: Request, bits: int) -> str:
         """Begin anew, at rest or at the measured twist; return why this cannot be."""
@@ -174,6 +206,7 @@ class Loop:
         self.stepper.reset(twist)
         self.session = int.from_bytes(os.urandom(7), "little") + 1
         self._kept, self._braked = {}, None
+        self.before = self.stepper.state()
         return ""
 
     def _continue_from(self, acted: int, followed: int, dt: float) -> bool:
@@ -191,7 +224,10 @@ class Loop:
             done += 1
             if not stepper.brake(dt).twist.any():
                 done = followed  # it stands, and goes on standing
-        self._braked = (acted, done, dt, stepper.state()) if done else None
+        self.before = state
+        if done:
+            self.before = stepper.state()
+        self._braked = (acted, done, dt, self.before) if done else None
         self.undone += acted != self._sequence
         return True
 
@@ -206,7 +242,11 @@ class Loop:
         dt: float,
     ) -> memoryview:
         """Return the frame of a step."""
-        stepper, packing = self.stepper, self._packing
+        stepper, packing, self.led = self.stepper, self._packing, self._guide
+        self.turned = marks != 0 or (bits ^ self._bits) & _HOLD != 0
+        self._bits = bits
+        if self.unrecorded:
+            marks, self.unrecorded = marks | _UNRECORDED, False
         if bits & _ORDERS:
             self._obey(request, bits)
         if bits & _BRAKE:
@@ -275,6 +315,7 @@ class Loop:
         if bits & Flag.hold:
             self.stepper.hold()
         if bits & Flag.try_again:
+            self.turned = True
             self.stepper.try_again()
         if self._guided and bits & (Flag.guide | Flag.no_guide):
             self._lead(request, bits)
@@ -289,16 +330,21 @@ class Loop:
     def _lead(self, request: Request, bits: int) -> None:
         """Change the guide, if it is another one than before."""
         given = b"" if bits & Flag.no_guide else request.guide.tobytes() + request.promise.tobytes()
-        if given == self._guide:
-            return
+        if given != self._guide:
+            self.turned = True
+            self._take_guide(given)
+
+    def _take_guide(self, given: bytes) -> None:
+        """Take a guide: pose and promise, or nothing for none."""
         self._guide = given
         if not given:
             self.stepper.guide(None)
             return
-        promise = float(request.promise[0])
+        numbers = np.frombuffer(given)
+        promise = float(numbers[16])
         firm = promise == FIRM
         expected = None if firm or promise == UNKNOWN else promise
-        self.stepper.guide(Guide(request.guide.copy(), expected, firm))
+        self.stepper.guide(Guide(numbers[:16].reshape(4, 4).copy(), expected, firm))
 
     def _write_stop(self, period: float) -> int:
         """Write the certified stop into the answer; return the number of knots."""

@@ -43,6 +43,8 @@ _LIVED: Final = 1.0
 """A process that lived for less than this died of itself [s]."""
 _PATIENCE: Final = (0.0, 0.0, 0.05, 0.2, 1.0)
 """Waits before a process is forked again, by how many have died young in a row [s]."""
+_FAREWELL: Final = 3.0
+"""Time that a process has for finishing its work [s]."""
 _CHECKING: Final = 20
 """How long a process may compute to load a problem that a client sent [s of CPU]."""
 _WORDS: Final = 4096
@@ -61,6 +63,7 @@ class Job:
         name: what it does, for the log.
         work: what runs in the process.
         again: whether it is forked again when it ends.
+        last: whether it ends after the others, and may finish its work.
         worker: its number among the workers; None: it is none.
         pid: process; 0: it does not run.
         young: how many have died young in a row.
@@ -71,6 +74,7 @@ class Job:
     name: str
     work: Callable[[], None]
     again: bool = True
+    last: bool = False
     worker: int | None = None
     pid: int = 0
     young: int = 0
@@ -108,7 +112,12 @@ class Supervisor:
     """
 
     def __init__(
-        self, problems: Sequence[Served], folder: Path, workers: int, priority: int | None = None
+        self,
+        problems: Sequence[Served],
+        folder: Path,
+        workers: int,
+        priority: int | None = None,
+        record: Path | None = None,
     ) -> None:
         """Bind the sockets of all loops.
 
@@ -117,6 +126,7 @@ class Supervisor:
             folder: private folder of the sockets.
             workers: number of processes that compute steps.
             priority: of SCHED_FIFO for the workers. None: the usual scheduling.
+            record: new file that all steps are recorded in. None: nothing is recorded.
 
         Raises:
             InputError: if another service has one of the loops, or a socket cannot be bound.
@@ -149,6 +159,19 @@ class Supervisor:
                 self.listeners[name] = kept or self.listen(socket_path(folder, name))
         for number in range(len(self._groups)):
             self._add_worker(number)
+        self._senders: list[socket.socket] = []
+        if record is not None:
+            self._record(record.absolute())
+
+    def _record(self, path: Path) -> None:
+        """Have another process record what the workers answer."""
+        from ergoqp.service.recorder import Recorder, recording_pair
+
+        pairs = [recording_pair() for _ in self._groups]
+        self._senders = [sender for sender, _ in pairs]
+        receivers = [receiver for _, receiver in pairs]
+        recorder = Recorder(path, receivers, list(self._problems.values()), say)
+        self.jobs.append(Job("recorder", recorder.run, last=True))
 
     def open_json_door(self, port: int | None = None) -> list[str]:
         """Serve lines of JSON by a process of its own; return what the log says about it.
@@ -235,12 +258,17 @@ class Supervisor:
             told |= {name: each.description(name) for name in each.loop_names}
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
         listeners = {name: self.listeners[name] for name in loops}
+        feed = None
+        if number < len(self._senders):
+            from ergoqp.service.recorder import Feed
+
+            feed = Feed(self._senders[number])
 
         def goes_on(idle: bool) -> bool:
             self._beats[number] = (self._beats[number] + 1) % 256
             return not (idle and self._rounds[number] != mine)
 
-        Worker(loops, listeners, told).run(goes_on)
+        Worker(loops, listeners, told, feed).run(goes_on)
 
     def compile_beside(self) -> None:
         """Compile the steps at idle priority; workers take them when nobody uses their loops.
@@ -448,8 +476,8 @@ class Supervisor:
             self._door.send(pack_outcome(number, words))
 
     def _end_all(self) -> None:
-        for job in self.jobs:
-            if job.pid:
+        for job in sorted(self.jobs, key=lambda job: job.last):
+            if job.pid and not (job.last and _finished(job.pid)):
                 os.kill(job.pid, signal.SIGKILL)
                 os.waitpid(job.pid, 0)
         for name, listener in self.listeners.items():
@@ -465,6 +493,17 @@ class Supervisor:
 
 def _how(code: int) -> str:
     return f"signal {-code}" if code < 0 else f"status {code}"
+
+
+def _finished(pid: int) -> bool:
+    """Ask a process to end; return whether it has done so."""
+    os.kill(pid, signal.SIGTERM)
+    until = time.monotonic() + _FAREWELL
+    while time.monotonic() < until:
+        if os.waitpid(pid, os.WNOHANG)[0]:
+            return True
+        time.sleep(0.01)
+    return False
 
 
 def _live(job: Job) -> NoReturn:

@@ -173,7 +173,7 @@ def test_a_compiler_that_writes_nothing_is_named(command, tmp_path, monkeypatch)
     try:
         with pytest.raises(
             CompilerError,
-            match=f"C compiler: '{command}' wrote no library; name a C compiler",
+            match=f"C compiler: '{command}' wrote no file; name a C compiler",
         ):
             shared_library("small", SMALL, [], [])
     finally:
@@ -185,7 +185,7 @@ def test_a_cache_that_cannot_be_written_to_is_one_sentence(tmp_path, monkeypatch
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(
         CompilerError,
-        match=r"compiled step: the cache '.*' cannot be written: .*; give a folder with room",
+        match=r"compiled small: the cache '.*' cannot be written: .*; give a folder with room",
     ):
         shared_library("small", SMALL, [], [])
 
@@ -198,7 +198,7 @@ def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(
         CompilerError,
-        match=r"compiled step: the cache .* cannot be written: No space left on device",
+        match=r"compiled small: the cache .* cannot be written: No space left on device",
     ):
         shared_library("small", SMALL, [], [])
 

@@ -594,9 +594,13 @@ def placed_by_angles(
     Raises:
         RecordingError: if a joint turns by more than two whole turns.
     """
-    person, columns = body or Body(), []
+    person, columns, blind = body or Body(), [], {}
     for joint, name in own_angles(motion.angles).items():
         angle = np.asarray(motion.angles[name], dtype=float)
+        if (unseen := np.isnan(angle)).any():
+            blind[joint], known = unseen, np.flatnonzero(~unseen)
+            filled = np.interp(np.arange(len(angle)), known, angle[known]) if len(known) else 0.0
+            angle = np.where(unseen, filled, angle)
         most = _largest(angle)
         if most > _MOST_OF_A_JOINT and "angles" not in trust:
             raise RecordingError(
@@ -617,14 +621,15 @@ def placed_by_angles(
         f" lengths of {'an average' if body is None else 'the'} person of {person.stature:.2f} m.",
         "The file does not state where the person stands: the pelvis stays in one place.",
     ]
-    if motion.objects:
+    if motion.objects and not motion.beside:
         notes.append("The objects are left out: where they are beside the person is unknown.")
     return replace(
         motion,
         names=CENTRES,
         positions=positions,
         notes=(*motion.notes, *notes),
-        objects={},
+        objects=motion.objects if motion.beside else {},
+        blind=blind,
         unit=1.0,
         up="z",
         columns={

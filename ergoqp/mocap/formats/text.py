@@ -218,11 +218,13 @@ class TableOptions:
         columns: names of the points of a table without names, three numbers each.
         rate: frames per second, used instead of times [Hz].
         trust: what is right although it looks impossible (see `ergoqp.load_recording`).
+        subject: the person who is read, for formats in which each person has own times.
     """
 
     columns: tuple[str, ...] = ()
     rate: float | None = None
     trust: frozenset[str] = frozenset()
+    subject: str | None = None
 
 
 ChosenColumn = tuple[int, Callable[[str], str] | None]
