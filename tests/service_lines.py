@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import ergoqp
+from ergoqp.service.door import Handler
+from ergoqp.service.served import served
+from ergoqp.service.stdio import OwnLoops
 
 COMFORT: list[float] = ergoqp.load_problem("screwing").response.comfort.tolist()
 
@@ -65,3 +68,39 @@ class Lines:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class Clock:
+    """A clock that a test sets."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class Talk:
+    """A handler with one loop or two, and a clock."""
+
+    def __init__(self, *names: str, timed: bool = False) -> None:
+        self.loops = OwnLoops([served(name) for name in names or ("screwing",)])
+        self.clock = Clock()
+        self.handler = Handler(self.loops, self.clock if timed else None)
+
+    def line(self, line: bytes) -> dict[str, Any]:
+        answer = self.handler.answer(line).line
+        assert answer.endswith(b"\n")
+        assert answer.count(b"\n") == 1
+        return json.loads(answer)
+
+    def ask(self, **request: Any) -> dict[str, Any]:
+        return self.line(json.dumps(request).encode())
+
+    def step(self, **said: Any) -> dict[str, Any]:
+        return self.ask(step={"posture": COMFORT, **said})
+
+
+def error_of(answer: dict[str, Any]) -> str:
+    assert set(answer) <= {"error", "id"}, answer
+    assert "\n" not in answer["error"]
+    return answer["error"]

@@ -44,6 +44,11 @@ _STEP, _TOLD, _STILL = int(Ask.step), int(Tell.step), int(Mark.still)
 _STATUSES: Final = {status.name: status for status in Status}
 _HOLD, _UNRECORDED = int(Flag.hold), int(Mark.unrecorded)
 
+_MOST_BRAKES: Final = 4096
+"""Most periods that are braked for one request, which takes some 0.1 s."""
+_STALE: Final = 10
+"""A reason in words is formed anew after so many steps."""
+
 _UNKNOWN: Final = (
     "the service does not know what the robot does: report that it stands, or take over by its"
     " measured twist"
@@ -95,11 +100,12 @@ class Loop:
         self.coordinates, self.rows = len(problem.coordinates), len(problem.row_names)
         self.session, self.undone, self.moved = 0, 0, False
         self._engine, self._sequence = engine, 0
-        self._kept: dict[int, np.ndarray] = {}
-        self._braked: tuple[int, int, float, np.ndarray] | None = None
+        # State after an answer, and the period of its stop [s]; what is braked after one of them.
+        self._kept: dict[int, tuple[np.ndarray, float]] = {}
+        self._braked: tuple[int, int, np.ndarray] | None = None
         self._guide: bytes | None = None
         self._said: tuple[int, int, int] | None = None
-        self._text = bytes(TEXT)
+        self._text, self._since = bytes(TEXT), 0
         self.before: np.ndarray | None = None
         self.led: bytes | None = None
         self.turned = self.unrecorded = False
@@ -173,10 +179,12 @@ class Loop:
         elif sequence <= self._sequence:
             wrong = f"sequence: got {sequence} again, allowed a number above {self._sequence}"
             return note(Tell.refused, sequence, wrong, self.session)
-        elif self._continue_from(acted, followed, dt):
+        elif acted != self._sequence or followed:
+            if wrong := self._continue_from(acted, followed):
+                return note(Tell.unknown, sequence, wrong, self.session)
             marks |= Mark.undone
         else:
-            self.before = self._kept[acted]
+            self.before = self._kept[acted][0]
         return self._step(request, sequence, acted, bits, marks, age, dt)
 
     def resume(self, session: int, acted: int, state: np.ndarray, guide: bytes | None) -> None:
@@ -196,7 +204,7 @@ class Loop:
             self._take_guide(guide)
         stepper.restore(state)
         self.session, self._sequence, self._bits = session, acted, 0
-        self._kept, self._braked = {acted: state}, None
+        self._kept, self._braked = {acted: (state, stepper.dt)}, None
 
     def _begin(self, request: Request, bits: int) -> str:
         """Begin anew, at rest or at the measured twist; return why this cannot be."""
@@ -209,27 +217,22 @@ class Loop:
         self.before = self.stepper.state()
         return ""
 
-    def _continue_from(self, acted: int, followed: int, dt: float) -> bool:
-        """Take back what was not executed, and brake what was; return whether anything was."""
-        if acted == self._sequence and not followed:
-            return False
-        state, done, period = self._kept[acted], 0, dt
-        if self._braked is not None:
-            known, braked, period, after = self._braked
-            if known == acted and braked <= followed and period == dt:
-                state, done = after, braked
+    def _continue_from(self, acted: int, followed: int) -> str:
+        """Take back what was not executed, and brake what was; return why this cannot be."""
+        (state, period), done = self._kept[acted], 0
+        if self._braked is not None and self._braked[0] == acted and self._braked[1] <= followed:
+            _, done, state = self._braked
         stepper = self.stepper
         stepper.restore(state)
-        while done < followed:
+        for _ in range(min(followed - done, _MOST_BRAKES)):
             done += 1
-            if not stepper.brake(dt).twist.any():
+            if not stepper.brake(period).twist.any():
                 done = followed  # it stands, and goes on standing
-        self.before = state
-        if done:
-            self.before = stepper.state()
-        self._braked = (acted, done, dt, self.before) if done else None
+                break
+        self.before = stepper.state() if done else state
+        self._braked = (acted, done, self.before) if done else None
         self.undone += acted != self._sequence
-        return True
+        return "" if done == followed else f"{_UNKNOWN}: got {followed} periods of a stop"
 
     def _step(
         self,
@@ -265,10 +268,10 @@ class Loop:
                 observed=request.observed if bits & _OBSERVED else None,
             )
         kept = {acted: self._kept[acted]} if acted in self._kept else {}
-        kept[sequence] = stepper.state()
-        self._kept, self._sequence = kept, sequence
         usual = dt == stepper.dt or SHORTEST_DT <= dt <= stepper.problem.longest_period
         period, values = dt if usual else stepper.dt, step.values
+        kept[sequence] = stepper.state(), period
+        self._kept, self._sequence = kept, sequence
         if packing is not None:
             knots = packing.tell(period)
         else:
@@ -321,9 +324,14 @@ class Loop:
             self._lead(request, bits)
 
     def _explain(self, step: Step, key: tuple[int, int, int]) -> None:
-        """Write the reason in words; it is formed anew when its number changes."""
-        if key != self._said:
-            self._said = key
+        """Write the reason in words.
+
+        It is formed when its number changes, and every few steps, because it holds numbers. A step
+        without a reason may still have a remark.
+        """
+        self._since += 1
+        if key != self._said or self._since >= _STALE:
+            self._said, self._since = key, 0
             self._text = step.reason.encode()[: TEXT - 1].ljust(TEXT, b"\0")
         self._out[self._words] = self._text
 

@@ -265,6 +265,7 @@ class TestService:
         assert lines.ask(health={"loop": "stays"}) == before
 
     def test_a_loop_beside_one_that_is_commanded_is_not_replaced(self, running_service, lines):
+        before = running_service.worker("desk")
         with Lines.by_unix(running_service.folder) as other:
             stop = threading.Event()
             answers: list[dict[str, Any]] = []
@@ -288,6 +289,9 @@ class TestService:
             assert len(late) < len(answers)
             other.ask(step={"standing": True, "enable": False})
         free(lines, "desk")
+        # Their process stays, and is not asked to make room any more.
+        time.sleep(1.0)
+        assert running_service.worker("desk") == before
         assert "loaded" in load(lines, "screwing")
         assert set(lines.ask(health={})["health"]) >= {"screwing", "desk"}
 

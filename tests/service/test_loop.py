@@ -233,6 +233,34 @@ def test_a_stop_of_an_hour_costs_no_more_than_the_stop(talk: Talk, made: Stepper
     assert len(calls) <= 1
 
 
+def test_a_stop_is_followed_in_the_periods_of_its_answer(talk: Talk, made: Stepper) -> None:
+    """The next request may have another period."""
+    own = made.sibling()
+    step, answer = own.step(START), talk.ask(START, USUAL | Flag.stands)
+    for _ in range(20):
+        step, answer = (
+            own.step(START, dt=0.02),
+            talk.ask(START, USUAL, acted=talk.sequence, dt=0.02),
+        )
+    stop = own.stop(0.02)
+    np.testing.assert_array_equal(answer.stop.reshape(-1, 6)[: len(stop)], stop)
+    assert answer.times[0] == 0.02
+    acted = talk.sequence
+    talk.ask(START, USUAL, acted=acted, followed=3, dt=0.01)
+    for twist in stop[:5]:
+        np.testing.assert_allclose(own.brake(0.02).twist, twist, atol=1e-14)
+    step = own.step(START, dt=0.005)
+    answer = talk.ask(START, USUAL, acted=acted, followed=5, dt=0.005)
+    np.testing.assert_array_equal(answer.twist, step.twist)
+
+
+def test_a_stop_of_very_short_periods_does_not_hold_up_the_other_loops(talk: Talk) -> None:
+    acted = talk.ask(START, USUAL | Flag.takes_over | Flag.twist, dt=1e-5, twist=0.19).sequence
+    answer = talk.ask(START, USUAL, acted=acted, followed=30_000)
+    assert answer.kind == Tell.unknown
+    assert "30000 periods" in answer.text
+
+
 @pytest.mark.parametrize(
     ("given", "kind", "words"),
     [
