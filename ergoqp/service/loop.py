@@ -104,7 +104,7 @@ class Loop:
         self._kept: dict[int, tuple[np.ndarray, float]] = {}
         self._braked: tuple[int, int, np.ndarray] | None = None
         self._guide: bytes | None = None
-        self._said: tuple[int, int, int] | None = None
+        self._said: tuple[int, int, int, int] | None = None
         self._text, self._since = bytes(TEXT), 0
         self.before: np.ndarray | None = None
         self.led: bytes | None = None
@@ -120,6 +120,9 @@ class Loop:
         self._rest = numbers(self._out, *_COPIED)
         self._times = numbers(self._out, "times")
         self._stop = numbers(self._out, "stop").reshape(KNOTS, 6)
+        numbers(self._out, "speed")[:] = problem.twist_limit.speed
+        numbers(self._out, "acceleration")[:] = problem.twist_limit.acceleration
+        numbers(self._out, "longest_dt")[:] = problem.longest_period
         self._words = frame.at["text"]
         self._guided = stepper.guided
         stepper.warm_up()
@@ -286,7 +289,7 @@ class Loop:
         if not self.moved:
             marks |= _STILL
         if bits & _EXPLAIN:
-            self._explain(step, (status, causes, code))
+            self._explain(step, (status, causes, code, bits & _HOLD))
         ANSWER_HEAD.pack_into(
             self._out,
             0,
@@ -323,7 +326,7 @@ class Loop:
         if self._guided and bits & (Flag.guide | Flag.no_guide):
             self._lead(request, bits)
 
-    def _explain(self, step: Step, key: tuple[int, int, int]) -> None:
+    def _explain(self, step: Step, key: tuple[int, int, int, int]) -> None:
         """Write the reason in words.
 
         It is formed when its number changes, and every few steps, because it holds numbers. A step

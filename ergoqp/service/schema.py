@@ -179,6 +179,9 @@ ANSWER: Final = (
         KNOTS,
     ),
     Field("stop", "f64", "twist of each knot [m/s, rad/s]; the last one is zero", KNOTS * 6),
+    Field("speed", "f64", "limits of the twist, per axis [m/s, rad/s]", 6),
+    Field("acceleration", "f64", "limits of its change, per axis [m/s^2, rad/s^2]", 6),
+    Field("longest_dt", "f64", "longest time for which a twist may be executed [s]"),
     Field("text", "text", "the reason in words, if it was asked for; UTF-8", TEXT),
 )
 

@@ -122,9 +122,9 @@ typedef struct {
 typedef struct {
     /* Yours to change after ergoqp_client_init. */
     double timeout;    /* how long a call may wait [s]; half a period */
-    double longest_dt; /* longest time between two calls [s]: 3 periods, or the declared longest_hold if that is more */
+    double longest_dt; /* longest time between two calls [s]; 0: as the service says, 3 periods before it has answered */
     int explain;       /* 1: the service writes reasons in full */
-    double speed[6], acceleration[6]; /* the relay's limits: those of the problem, see ergoqp_client_limits */
+    double speed[6], acceleration[6]; /* limits of a relay's output: those of the service, or of ergoqp_client_limits */
 
     /* Yours to read. */
     uint64_t late, lost, refused;  /* answers that did not come in time; connections; answers that were not usable */
@@ -139,7 +139,8 @@ typedef struct {
     int64_t called_at;
     ergoqp_client_link service, relay;
     uint64_t session, sequence, acted, number, pending_session, pending;
-    double guide[16], promise, previous[6], current[6];
+    double guide[16], promise, previous[6], current[6], told_longest;
+    int own_limits;
     ergoqp_client_plan plan;
     ergoqp_client_output last;
     ergoqp_client_relay_told told;
@@ -340,7 +341,7 @@ static inline void ergoqp_client_priv_forget(ergoqp_client* c) {
 static inline void ergoqp_client_priv_time(ergoqp_client* c, int64_t now) {
     const double gap = c->called ? 1e-9 * (double)(now - c->called_at) : 0.0;
     const int is_known = c->session || c->begin == ERGOQP_CLIENT_FLAG_TAKES_OVER;
-    if (is_known && !c->has_relay && gap > c->longest_dt) {
+    if (is_known && !c->has_relay && gap > (c->longest_dt > 0 ? c->longest_dt : c->told_longest)) {
         ergoqp_client_priv_forget(c);
         /* A robot that has a timeout slowed down meanwhile. It must not be sent the speed that it had before. */
         ergoqp_client_priv_pass(c, gap / c->dt - 1.0);
@@ -371,6 +372,13 @@ static inline void ergoqp_client_priv_adopt(ergoqp_client* c) {
     memcpy(out->slack, c->answer + ERGOQP_CLIENT_ANSWER_AT_SLACK(n, m) / 8, m * sizeof(double));
     out->cost = c->answer[ERGOQP_CLIENT_ANSWER_AT_COST(n, m) / 8];
     out->gain = c->answer[ERGOQP_CLIENT_ANSWER_AT_GAIN(n, m) / 8];
+    if (c->answer[ERGOQP_CLIENT_ANSWER_AT_LONGEST_DT(n, m) / 8] > 0) {
+        c->told_longest = c->answer[ERGOQP_CLIENT_ANSWER_AT_LONGEST_DT(n, m) / 8];
+    }
+    if (!c->own_limits) {
+        memcpy(c->speed, c->answer + ERGOQP_CLIENT_ANSWER_AT_SPEED(n, m) / 8, sizeof c->speed);
+        memcpy(c->acceleration, c->answer + ERGOQP_CLIENT_ANSWER_AT_ACCELERATION(n, m) / 8, sizeof c->acceleration);
+    }
     out->fresh = 1;
     out->status = head.status;
     out->causes = head.causes;
@@ -643,7 +651,7 @@ static inline int ergoqp_client_init(ergoqp_client* c, const char* path, const c
     c->service.fd = c->relay.fd = -1;
     c->dt = dt;
     c->timeout = dt / 2;
-    c->longest_dt = 3 * dt;
+    c->told_longest = 3 * dt;
     c->explain = 1;
     c->promise = -1e9;
     ergoqp_client_priv_say(c, "the service was not told yet what the robot does: ", ERGOQP_CLIENT_REPORT, "");
@@ -663,11 +671,12 @@ static inline int ergoqp_client_init(ergoqp_client* c, const char* path, const c
     return 0;
 }
 
-/* Sets the limits that the relay holds: those of the problem [m/s, rad/s; m/s^2, rad/s^2]. A relay needs them. They
- * also give the ramp after ergoqp_client_take_over while the service does not answer. */
+/* Sets other limits for the relay than those that come with the answers [m/s, rad/s; m/s^2, rad/s^2]. They also give the
+ * ramp after ergoqp_client_take_over before the service has answered. */
 static inline void ergoqp_client_limits(ergoqp_client* c, const double speed[6], const double acceleration[6]) {
     memcpy(c->speed, speed, sizeof c->speed);
     memcpy(c->acceleration, acceleration, sizeof c->acceleration);
+    c->own_limits = 1;
 }
 
 /* Sets an input: a posture arrived, all of it was seen, the loop is enabled, and nothing else is measured. */
