@@ -434,14 +434,17 @@ def chosen_knots(twists: np.ndarray) -> np.ndarray:
     """Return which twists (k, 6) of a long stop become its knots, at most `KNOTS` of them.
 
     Between knots the stop is a straight line. So they lie close where it bends, and the first and
-    the last one always belong to them.
+    the last one always belong to them. Of a very long stop only every second, third, ... twist is
+    looked at.
     """
     count = len(twists)
-    bends = np.zeros(count)
-    bends[1:-1] = np.sqrt(np.abs(twists[2:] - 2 * twists[1:-1] + twists[:-2]).max(axis=1))
-    bends[1:] += bends.sum() / (8 * count) + 1e-12
+    stride = max(1, count // 128)
+    seen = twists[::stride]
+    bends = np.zeros(len(seen))
+    bends[1:-1] = np.sqrt(np.abs(seen[2:] - 2 * seen[1:-1] + seen[:-2]).max(axis=1))
+    bends[1:] += np.cumsum(bends)[-1] / (8 * len(seen)) + 1e-12  # added up one by one, as in C
     along = np.cumsum(bends)
     wanted = along[-1] * np.arange(KNOTS) / (KNOTS - 1) * (1 - 1e-12)
-    chosen = np.searchsorted(along, wanted)
+    chosen = np.minimum(np.searchsorted(along, wanted), len(seen) - 1) * stride
     chosen[-1] = count - 1
-    return np.unique(np.minimum(chosen, count - 1))
+    return np.unique(chosen)

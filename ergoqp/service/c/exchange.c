@@ -105,24 +105,27 @@ int ergoqp_take(const exchange* x, uint32_t flags, double dt, double age) {
     return mask;
 }
 
-/* Choose which twists of a long stop become knots: close where it bends, the first and the last one always. */
+/* Choose which twists of a long stop become knots: close where it bends, the first and the last one always. Of a very long one
+ * only every second, third, ... twist is looked at. */
 static int thinned(double (*twists)[6], int count, double dt, double* times, double (*stop)[6]) {
     static double along[MOST_TWISTS];
+    const int stride = count / 128 > 1 ? count / 128 : 1, parts = (count - 1) / stride + 1;
     double sum = 0.0, spread, wanted;
-    int k, i, chosen = 0, last = -1;
+    int j, k, i, chosen = 0, last = -1;
     along[0] = 0.0;
-    for (k = 1; k < count; ++k) {
+    for (j = 1; j < parts; ++j) {
         double bend = 0.0;
-        for (i = 0; k + 1 < count && i < 6; ++i)
-            bend = fmax(bend, fabs(twists[k + 1][i] - 2 * twists[k][i] + twists[k - 1][i]));
-        along[k] = sqrt(bend);
-        sum += along[k];
+        const int before = (j - 1) * stride, here = j * stride, after = here + stride;
+        for (i = 0; j + 1 < parts && i < 6; ++i) bend = fmax(bend, fabs(twists[after][i] - 2 * twists[here][i] + twists[before][i]));
+        along[j] = sqrt(bend);
+        sum += along[j];
     }
-    spread = sum / (8 * count) + 1e-12;
-    for (k = 1; k < count; ++k) along[k] += along[k - 1] + spread;
-    for (i = k = 0; i < MOST_KNOTS; ++i) {
-        wanted = i + 1 < MOST_KNOTS ? along[count - 1] * i / (MOST_KNOTS - 1) * (1 - 1e-12) : along[count - 1];
-        while (k < count - 1 && along[k] < wanted) ++k;
+    spread = sum / (8 * parts) + 1e-12;
+    for (j = 1; j < parts; ++j) along[j] = along[j - 1] + (along[j] + spread);
+    for (i = j = 0; i < MOST_KNOTS; ++i) {
+        wanted = along[parts - 1] * i / (MOST_KNOTS - 1) * (1 - 1e-12);
+        while (j < parts - 1 && along[j] < wanted) ++j;
+        k = i + 1 < MOST_KNOTS ? j * stride : count - 1;
         if (k == last) continue;
         last = k;
         times[chosen] = (k + 1) * dt;
