@@ -340,10 +340,22 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
     return _loaded(name, sources)
 
 
+_LIBRARIES: Final[dict[int, tuple[ca.Function, Path]]] = {}
+"""The functions that were loaded, kept so that their hash stays theirs, with their libraries."""
+
+
+def library_of(function: ca.Function) -> Path | None:
+    """Return the shared library of a compiled function; None if it is interpreted."""
+    found = _LIBRARIES.get(hash(function))
+    return None if found is None else found[1]
+
+
 def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
     library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
     try:
-        return ca.external(name, str(library))
+        function = ca.external(name, str(library))
+        _LIBRARIES[hash(function)] = function, library
+        return function
     except RuntimeError as error:
         raise CompilerError(
             f"compiled {name}: the library {str(library)!r} cannot be loaded: {last_line(error)}"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import Final
+import time
+from typing import Any, Final
 
 import numpy as np
 
@@ -44,6 +45,8 @@ _STEP, _TOLD, _STILL = int(Ask.step), int(Tell.step), int(Mark.still)
 _STATUSES: Final = {status.name: status for status in Status}
 _HOLD, _UNRECORDED = int(Flag.hold), int(Mark.unrecorded)
 
+RECEIVED, _COMPUTED, SENT, NOT_SENT = range(4)
+"""What was done with bytes that arrived, as in ``c/exchange.c``."""
 _MOST_BRAKES: Final = 4096
 """Most periods that are braked for one request, which takes some 0.1 s."""
 _STALE: Final = 10
@@ -132,8 +135,9 @@ class Loop:
         self._causes_at = slices["causes"].start
         self._counted = np.arange(1.0, KNOTS + 1)
         self._asked = (0, 0, 0.0, 0.0)
-        where = request_frame(self.coordinates), frame, self._out, self._copied
+        where = request_frame(self.coordinates), frame, self._out, self._copied, engine, digest
         self._packing = packing_of(stepper, *where)
+        self.direct = self._packing is not None and self._packing.direct
 
     def new_request(self) -> Request:
         """Return a buffer for the requests of one client."""
@@ -208,6 +212,7 @@ class Loop:
         stepper.restore(state)
         self.session, self._sequence, self._bits = session, acted, 0
         self._kept, self._braked = {acted: (state, stepper.dt)}, None
+        self.disarm()
 
     def _begin(self, request: Request, bits: int) -> str:
         """Begin anew, at rest or at the measured twist; return why this cannot be."""
@@ -234,8 +239,11 @@ class Loop:
                 break
         self.before = stepper.state() if done else state
         self._braked = (acted, done, self.before) if done else None
+        if done < followed:
+            stepper.restore(self._kept[self._sequence][0])
+            return f"{_UNKNOWN}: got {followed} periods of a stop"
         self.undone += acted != self._sequence
-        return "" if done == followed else f"{_UNKNOWN}: got {followed} periods of a stop"
+        return ""
 
     def _step(
         self,
@@ -270,11 +278,15 @@ class Loop:
                 enable=bits & _ENABLE != 0,
                 observed=request.observed if bits & _OBSERVED else None,
             )
-        kept = {acted: self._kept[acted]} if acted in self._kept else {}
+        return self._conclude(step, sequence, acted, bits, marks, dt)
+
+    def _conclude(
+        self, step: Step, sequence: int, acted: int, bits: int, marks: int, dt: float
+    ) -> memoryview:
+        """Write the answer of a step that was computed."""
+        stepper, packing = self.stepper, self._packing
         usual = dt == stepper.dt or SHORTEST_DT <= dt <= stepper.problem.longest_period
         period, values = dt if usual else stepper.dt, step.values
-        kept[sequence] = stepper.state(), period
-        self._kept, self._sequence = kept, sequence
         if packing is not None:
             knots = packing.tell(period)
         else:
@@ -285,7 +297,7 @@ class Loop:
             self._rest[:] = values[self._copied]
         causes, status = int(values[self._causes_at]), _STATUSES[step.status]
         code = reason_code(step, status, causes) if status or causes else 0
-        self.moved = bool(values[0]) or not stepper.still
+        self._keep(acted, sequence, period)
         if not self.moved:
             marks |= _STILL
         if bits & _EXPLAIN:
@@ -310,6 +322,54 @@ class Loop:
             step.solve_time,
         )
         return self._view
+
+    def _keep(self, acted: int, sequence: int, period: float) -> None:
+        """Keep the state after an answer, and that after the one that it continues from."""
+        stepper = self.stepper
+        state = stepper.state()
+        kept = {acted: self._kept[acted]} if acted in self._kept else {}
+        kept[sequence] = state, period
+        self._kept, self._sequence, self.moved = kept, sequence, not stepper.still
+        if self.direct:
+            assert self._packing is not None
+            said = self._bits & _HOLD or self.unrecorded
+            self._packing.arm(None if said else stepper.usual, state, self.session, sequence)
+
+    def disarm(self) -> None:
+        """Answer the next request in Python, whatever it is."""
+        if self._packing is not None:
+            self._packing.arm(None, self._rate, 0, 0)
+
+    def exchange(self, connection: int, request: Request, filled: int) -> tuple[int, int, Any]:
+        """Receive from the commander, and answer a plain request in machine code.
+
+        Args:
+            connection: descriptor of the connection.
+            request: the frame that is being received.
+            filled: bytes of it that have arrived before.
+
+        Returns:
+            How many bytes arrived (-1: none yet, -2: the connection has ended), what was done with
+            them (see ``c/exchange.c``), and the answer, if there is one.
+        """
+        assert self._packing is not None
+        found = self._packing.exchange(connection, request.address, filled)
+        count, done = (found >> 2, found & 3) if found >= 0 else (found, 0)
+        if not done:
+            return count, done, None
+        *_, sequence, acted, _, _, bits, _, _, _, dt = REQUEST_HEAD.unpack_from(request.buffer)
+        self.before, self.led, self.turned, self._bits = (
+            self._kept[acted][0],
+            self._guide,
+            False,
+            bits,
+        )
+        step = self.stepper.answered({}, bits & _FRAME != 0, time.perf_counter())
+        if done == _COMPUTED:
+            return count, done, self._conclude(step, sequence, acted, bits, 0, dt)
+        usual = dt == self.stepper.dt or SHORTEST_DT <= dt <= self.stepper.problem.longest_period
+        self._keep(acted, sequence, dt if usual else self.stepper.dt)
+        return count, done, self._view
 
     def _fill(self) -> bool:
         """Write the request that is answered into the inputs of the step."""
@@ -374,14 +434,17 @@ def chosen_knots(twists: np.ndarray) -> np.ndarray:
     """Return which twists (k, 6) of a long stop become its knots, at most `KNOTS` of them.
 
     Between knots the stop is a straight line. So they lie close where it bends, and the first and
-    the last one always belong to them.
+    the last one always belong to them. Of a very long stop only every second, third, ... twist is
+    looked at.
     """
     count = len(twists)
-    bends = np.zeros(count)
-    bends[1:-1] = np.sqrt(np.abs(twists[2:] - 2 * twists[1:-1] + twists[:-2]).max(axis=1))
-    bends[1:] += bends.sum() / (8 * count) + 1e-12
+    stride = max(1, count // 128)
+    seen = twists[::stride]
+    bends = np.zeros(len(seen))
+    bends[1:-1] = np.sqrt(np.abs(seen[2:] - 2 * seen[1:-1] + seen[:-2]).max(axis=1))
+    bends[1:] += np.cumsum(bends)[-1] / (8 * len(seen)) + 1e-12  # added up one by one, as in C
     along = np.cumsum(bends)
     wanted = along[-1] * np.arange(KNOTS) / (KNOTS - 1) * (1 - 1e-12)
-    chosen = np.searchsorted(along, wanted)
+    chosen = np.minimum(np.searchsorted(along, wanted), len(seen) - 1) * stride
     chosen[-1] = count - 1
-    return np.unique(np.minimum(chosen, count - 1))
+    return np.unique(chosen)

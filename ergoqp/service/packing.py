@@ -11,10 +11,18 @@ import ctypes
 from pathlib import Path
 from typing import Any
 
-from ergoqp.native.compiled import CompilerError, c_text, shared_library
-from ergoqp.service.schema import Frame
+import numpy as np
+
+from ergoqp.native.compiled import CompilerError, c_text, library_of, shared_library
+from ergoqp.service.reasons import SETTLED
+from ergoqp.service.schema import TEXT, VERSION, Ask, Frame, Mark, Tell
 from ergoqp.step.certification import longest_stop
+from ergoqp.step.frames_check import DOUBTED, FRAMES
+from ergoqp.step.layout import SHORTEST_DT, places
+from ergoqp.step.rows import limit_values
 from ergoqp.step.stepper import Stepper
+
+DOUBT = places(FRAMES)["doubted"].start
 
 _PLACES = (
     *("n", "pose", "twist", "posture", "observed"),
@@ -23,7 +31,14 @@ _PLACES = (
     *("from_twist", "from_pose", "from_state", "from_rate", "from_copied"),
     *("copied", "planned", "sent"),
     *("at_twist", "at_pose", "at_rate", "at_copied", "at_times", "at_stop"),
+    *("at_text", "text", "rows", "from_margins", "from_status", "from_causes"),
+    *("from_doubted", "from_drawn", "inputs", "to_state", "states"),
+    *("request_length", "answer_length", "settled", "still", "armed"),
+    *("version", "ask", "told", "engine"),
 )
+_NUMBERS = ("session", "sequence", "digest")
+_REALS = ("dt", "shortest", "longest", "stop_seconds", "doubted")
+_POINTERS = ("usual", "state", "tolerance", "step", "arguments", "outputs", "work", "indices")
 
 
 class _Exchange(ctypes.Structure):
@@ -37,6 +52,9 @@ class _Exchange(ctypes.Structure):
         ("average", ctypes.c_double),
         ("acceleration", ctypes.c_double * 6),
         *((name, ctypes.c_int32) for name in _PLACES),
+        *((name, ctypes.c_uint64) for name in _NUMBERS),
+        *((name, ctypes.c_double) for name in _REALS),
+        *((name, ctypes.c_void_p) for name in _POINTERS),
     )
 
 
@@ -49,13 +67,25 @@ class Packing:
         answer: layout of the answer.
         out: memory of the answer.
         copied: the outputs of the step that are copied as one, as a slice.
+        engine: of the step, see `ergoqp.service.schema.ENGINES`.
+        digest: of the problem.
+
+    Attributes:
+        direct: whether `exchange` can be used: the step is compiled.
 
     Raises:
         CompilerError: if there is no C compiler.
     """
 
     def __init__(
-        self, stepper: Stepper, request: Frame, answer: Frame, out: bytearray, copied: slice
+        self,
+        stepper: Stepper,
+        request: Frame,
+        answer: Frame,
+        out: bytearray,
+        copied: slice,
+        engine: int,
+        digest: int,
     ) -> None:
         """Compile, and find all places."""
         source = (Path(__file__).parent / "c/exchange.c").read_text(encoding="utf-8")
@@ -66,7 +96,7 @@ class Packing:
         into_frame, from_frame = (
             {name: at.start for name, at in frame.at.items()} for frame in (request, answer)
         )
-        places = {
+        where = {
             "n": len(problem.coordinates),
             **{name: into_frame[name] for name in ("pose", "twist", "posture", "observed")},
             **{f"to_{name}": into[name].start for name in into if f"to_{name}" in _PLACES},
@@ -84,6 +114,24 @@ class Packing:
             "at_copied": from_frame["fault"],
             "at_times": from_frame["times"],
             "at_stop": from_frame["stop"],
+            "at_text": from_frame["text"],
+            "text": TEXT,
+            "rows": len(problem.row_names),
+            "from_margins": found["margins"].start,
+            "from_status": found["status"].start,
+            "from_causes": found["causes"].start,
+            "from_doubted": found["frames"].start + DOUBT,
+            "from_drawn": found["drawn"].start if "drawn" in found else -1,
+            "inputs": given.size,
+            "to_state": into["state"].start,
+            "states": into["state"].stop - into["state"].start,
+            "request_length": request.length,
+            "answer_length": answer.length,
+            "settled": SETTLED,
+            "still": Mark.still,
+            "version": VERSION,
+            "ask": Ask.step,
+            "told": Tell.step,
         }
         memory = (ctypes.c_char * len(out)).from_buffer(out)
         self._exchange = _Exchange(
@@ -92,12 +140,22 @@ class Packing:
             answer=ctypes.addressof(memory),
             average=problem.average,
             acceleration=tuple(problem.twist_limit.acceleration),
-            **places,
+            engine=engine,
+            digest=digest,
+            **where,
         )
-        self._kept = given, results, memory  # as long as their addresses are used
+        tolerance = np.array(limit_values(problem.row_limits, "tolerance"), dtype=float)
+        self._exchange.tolerance = tolerance.ctypes.data
+        self._exchange.dt, self._exchange.shortest = problem.dt, SHORTEST_DT
+        self._exchange.longest, self._exchange.doubted = problem.longest_period, DOUBTED
+        self._exchange.stop_seconds = problem.stop.duration
+        self._kept = given, results, memory, tolerance  # as long as their addresses are used
+        self.direct = self._bind(stepper, given, results)
         self._reference = ctypes.byref(self._exchange)
         self._problem, self._most = problem, {problem.dt: longest_stop(problem, problem.dt)}
         self._take, self._tell = library.ergoqp_take, library.ergoqp_tell
+        self._answer = library.ergoqp_exchange
+        self._answer.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_int]
         self._take.argtypes = [
             ctypes.c_void_p,
             ctypes.c_uint32,
@@ -105,6 +163,52 @@ class Packing:
             ctypes.c_double,
         ]
         self._tell.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_int]
+
+    def _bind(self, stepper: Stepper, given: np.ndarray, results: np.ndarray) -> bool:
+        """Find the step function in its library; return whether it is compiled."""
+        path = library_of(stepper.function)
+        if path is None:
+            return False
+        library, name = ctypes.CDLL(str(path)), stepper.function.name()
+        sizes = [ctypes.c_longlong() for _ in range(4)]
+        library[f"{name}_work"](*map(ctypes.byref, sizes))
+        arguments, outputs, indices, work = (np.zeros(each.value + 1, np.int64) for each in sizes)
+        for i, at in enumerate(stepper.places.values()):
+            arguments[i] = given.ctypes.data + 8 * at.start
+        for i, at in enumerate(stepper.slices.values()):
+            outputs[i] = results.ctypes.data + 8 * at.start
+        there = self._exchange
+        there.step = ctypes.cast(library[name], ctypes.c_void_p)
+        there.arguments, there.outputs = arguments.ctypes.data, outputs.ctypes.data
+        there.indices, there.work = indices.ctypes.data, work.ctypes.data
+        self._kept = *self._kept, library, arguments, outputs, indices, work
+        return True
+
+    def arm(self, usual: np.ndarray | None, state: np.ndarray, session: int, sequence: int) -> None:
+        """Say what a plain request continues from.
+
+        Args:
+            usual: inputs that a step begins with; None: no request is plain.
+            state: the state (n,).
+            session: the session.
+            sequence: number of the last answer.
+        """
+        there = self._exchange
+        there.armed = usual is not None
+        if usual is not None:
+            self._from = usual, state
+            there.usual, there.state = usual.ctypes.data, state.ctypes.data
+            there.session, there.sequence = session, sequence
+
+    def exchange(self, number: int, address: int, filled: int) -> int:
+        """Receive from a client, and answer a plain request; see ``c/exchange.c``.
+
+        Args:
+            number: descriptor of the connection.
+            address: of the request.
+            filled: bytes of it that have arrived before.
+        """
+        return self._answer(self._reference, number, address, filled)
 
     def take(self, address: int, flags: int, dt: float, age: float) -> bool:
         """Write a request into the inputs of the step; return whether its mask is one.

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from ergoqp.service.loop import Loop, Request
+from ergoqp.service.loop import NOT_SENT, SENT, Loop, Request
 from ergoqp.service.schema import HEAD, SPOKEN, VERSION, Ask, Tell, note
 
 _PEER: Final = struct.Struct("3i")
@@ -115,12 +115,33 @@ class Worker:
 
     def _receive(self, client: Client) -> None:
         """Read what has arrived, and answer every whole frame."""
+        loop = client.loop
+        if loop.direct and self._commanders.get(loop.name) is client:
+            count, done, answer = loop.exchange(
+                client.socket.fileno(), client.request, client.filled
+            )
+            if done:
+                client.filled = 0
+                if done == NOT_SENT:
+                    self._end(client)
+                elif done != SENT:
+                    self._send(client, answer)
+                self._note(client, answer)
+                return
+            if count == -1:
+                return
+            self._arrived(client, max(count, 0))
+            return
         try:
             count = client.socket.recv_into(client.view[client.filled :])
         except BlockingIOError:
             return
         except OSError:
             count = 0
+        self._arrived(client, count)
+
+    def _arrived(self, client: Client, count: int) -> None:
+        """Answer what is whole now; 0 bytes: the connection has ended."""
         if not count:
             self._end(client)
             return
@@ -155,9 +176,15 @@ class Worker:
             self._commanders[loop.name] = client
         answer = loop.answer(client.request)
         self._send(client, answer)
-        self._steps[loop.name] += 1
+        self._note(client, answer)
+
+    def _note(self, client: Client, answer: bytes | memoryview) -> None:
+        """Count an answer, and record it."""
+        self._steps[client.loop.name] += 1
         if self._recorder is not None:
-            self._recorder.record(loop, client.request, answer)
+            self._recorder.record(client.loop, client.request, answer)
+            if client.loop.unrecorded:
+                client.loop.disarm()
 
     def _send(self, client: Client, frame: bytes | memoryview) -> None:
         """Send a frame; a client that does not read loses its connection."""

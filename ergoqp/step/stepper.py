@@ -155,6 +155,7 @@ class Stepper:
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
+        self.function = function
         self._evaluator = evaluator = Evaluator(function)
         self._call, self._given = evaluator.evaluate, evaluator.given
         # The slice of each input, and of each part of the state within the state.
@@ -312,9 +313,15 @@ class Stepper:
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """All inputs and all outputs of the step function (n,) (m,), which every call overwrites.
 
-        `step_filled` is for who writes the inputs by other means than Python.
+        `step_filled` and `answered` are for who writes the inputs by other means than Python.
         """
         return self._given, self._out
+
+    @property
+    def usual(self) -> np.ndarray | None:
+        """The inputs (n,) that a call begins with; None if it begins with something to say too."""
+        said = self._ready[2] or self._slow or self._held
+        return None if said else self._ready[0]
 
     @property
     def history(self) -> History:
@@ -449,11 +456,21 @@ class Stepper:
                 whether the mask ``observed`` is one of zeros and ones.
             frame: whether it writes a posture.
         """
-        start, ready, into = time.perf_counter(), self._ready, self._inputs
-        notes = self._begin_call(ready)
+        start, notes = time.perf_counter(), self._begin_call(self._ready)
         if not fill():
             self._unseen(notes)
         self._call()
+        return self.answered(notes, frame, start)
+
+    def answered(self, notes: Mapping[str, str], frame: bool, start: float) -> Step:
+        """Return the step whose inputs and outputs are in `arrays`, and continue from it.
+
+        Args:
+            notes: what was wrong with inputs, by name.
+            frame: whether there was a posture.
+            start: when the call began (`time.perf_counter`) [s].
+        """
+        ready, into = self._ready, self._inputs
         seen = (into["posture"].copy(), into["observed"].copy()) if frame else ready[3]
         return self._answer(ready, notes, start, seen)
 

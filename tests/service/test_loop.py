@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ergoqp
-from ergoqp.service.loop import Loop, Request, chosen_knots
+from ergoqp.service.loop import SENT, Loop, Request, chosen_knots
 from ergoqp.service.schema import (
     ANSWER,
     ANSWER_HEAD,
@@ -50,10 +51,30 @@ class Answer:
 
 
 class Talk:
-    """A client of a loop in the same process, which says what it is told to say."""
+    """A client of a loop in the same process, which says what it is told to say.
+
+    Attributes:
+        done: how many requests were answered in which way, see `Loop.exchange`.
+    """
 
     def __init__(self, loop: Loop) -> None:
         self.loop, self.request, self.sequence = loop, Request(loop.coordinates), 0
+        self.done = [0, 0, 0, 0]
+
+    def answer(self, request: Request) -> Any:
+        """Have the loop receive and answer as a worker does."""
+        if not self.loop.direct:
+            return self.loop.answer(request)
+        mine, theirs = socket.socketpair()
+        with mine, theirs:
+            mine.sendall(request.buffer)
+            request.buffer[:] = bytes(request.length)
+            count, done, answer = self.loop.exchange(theirs.fileno(), request, 0)
+            assert count == request.length
+            self.done[done] += 1
+            if done == SENT:
+                return mine.recv(100_000)
+            return answer if done else self.loop.answer(request)
 
     def ask(
         self,
@@ -96,7 +117,7 @@ class Talk:
             request.posture[:] = posture
         for name, values in arrays.items():
             getattr(request, name)[...] = values
-        frame = bytes(self.loop.answer(request))
+        frame = bytes(self.answer(request))
         return Answer(frame, self.loop.coordinates, self.loop.rows)
 
 
@@ -113,12 +134,25 @@ def made() -> Stepper:
     return stepper
 
 
-@pytest.fixture(params=["machine code", "Python"])
-def talk(made: Stepper, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Talk:
-    """The frames are packed in machine code, or in Python where there is no compiler."""
+@pytest.fixture(scope="module")
+def compiled() -> Stepper:
+    return Stepper(PROBLEM, compiled=True)
+
+
+@pytest.fixture(params=["compiled", "machine code", "Python"])
+def talk(
+    made: Stepper,
+    compiled: Stepper,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Talk:
+    """Plain steps are answered in machine code; or frames are packed so, or all is Python."""
     if request.param == "Python":
         monkeypatch.setattr("ergoqp.service.loop.packing_of", lambda *_: None)
-    return Talk(Loop("screwing", made.sibling(), digest=7))
+    stepper = compiled if request.param == "compiled" else made
+    talk = Talk(Loop("screwing", stepper.sibling(), digest=7))
+    assert talk.loop.direct == (request.param == "compiled")
+    return talk
 
 
 def test_an_answer_is_the_step_of_a_stepper_to_the_last_bit(talk: Talk, made: Stepper) -> None:
@@ -204,6 +238,8 @@ def run(talk: Talk, own: Stepper, plan: list[tuple[int, int]]) -> None:
 def test_answers_that_were_not_executed_are_taken_back(talk: Talk, made: Stepper) -> None:
     run(talk, made.sibling(), [(0, 0)] * 20 + [(1, 0), (0, 0), (3, 0), (0, 2), (2, 5), (0, 0)])
     assert talk.loop.undone == 6
+    if talk.loop.direct:
+        assert talk.done[SENT] > 15
 
 
 @settings(max_examples=30, deadline=None)
@@ -340,19 +376,20 @@ def test_both_ways_of_packing_give_the_same_bytes(
     dt: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From full speed, with bad inputs in between; the time that a step took differs."""
-    stepper = Stepper(PROBLEM, dt=dt)
-    stepper.warm_up()
+    stepper = Stepper(PROBLEM, dt=dt, compiled=True)
     one = Talk(Loop("screwing", stepper.sibling()))
     monkeypatch.setattr("ergoqp.service.loop.packing_of", lambda *_: None)
     other = Talk(Loop("screwing", stepper.sibling()))
-    rng, acted, knots = np.random.default_rng(0), 0, set()
+    rng, acted, knots, pose, sent = np.random.default_rng(0), 0, set(), np.eye(4), np.zeros(6)
     full = PROBLEM.twist_limit.speed * [0.9, -0.5, 1, 0.4, -1, 0.2]
-    for number in range(120):
-        bits = int(USUAL) | int(rng.integers(0, 16)) & ~int(Flag.takes_over)
+    for number in range(240):
+        bits = int(USUAL) | (int(rng.integers(0, 16)) if number else 0)
+        bits |= int(Flag.explain) * (number % 3 == 0) | int(Flag.hold) * (number % 30 > 24)
+        bits |= int(Flag.try_again) * (number % 30 == 0)
         given = {
-            "posture": START + 0.05 * rng.standard_normal(32),
-            "pose": np.eye(4) + 1e-5 * rng.standard_normal((4, 4)),
-            "twist": full if number % 40 == 0 else 0.1 * rng.standard_normal(6),
+            "posture": START + 0.005 * rng.standard_normal(32),
+            "pose": np.eye(4) if number % 17 == 3 else pose,
+            "twist": full if number % 40 == 0 else sent,
             "observed": rng.random(32) < 0.9,
             "age": float(rng.choice([0.0, 0.01, 0.2, np.nan], p=[0.6, 0.3, 0.05, 0.05])),
             "dt": dt * float(rng.choice([1, 1, 1, 2, 0.7, 900])),
@@ -361,20 +398,27 @@ def test_both_ways_of_packing_give_the_same_bytes(
             given["observed"] = np.full(32, 0.5)
         if number % 40 == 0:
             bits |= int(Flag.takes_over | Flag.twist)
-        first = one.ask(bits=bits, acted=acted, **given)
-        second = other.ask(bits=bits, acted=acted, **given)
+        followed = int(rng.choice([0, 2], p=[0.9, 0.1])) * bool(acted)
+        first = one.ask(bits=bits, acted=acted, followed=followed, **given)
+        second = other.ask(bits=bits, acted=acted, followed=followed, **given)
         assert first.kind == second.kind == Tell.step
         for field in answer_frame(one.loop.coordinates, one.loop.rows).fields:
-            if field.name in ("session", "computed", "text"):
+            if field.name in ("session", "computed"):
                 continue
             left, right = getattr(first, field.name), getattr(second, field.name)
             if field.name in ("times", "stop"):
                 k = first.knots * (6 if field.name == "stop" else 1)
                 left, right = left[:k], right[:k]
             np.testing.assert_array_equal(left, right, err_msg=field.name)
-        acted = first.sequence
+        np.testing.assert_array_equal(one.loop.stepper.state(), other.loop.stepper.state())
+        np.testing.assert_array_equal(one.loop.before, other.loop.before)
+        assert one.loop.turned == other.loop.turned
+        acted, pose, sent = first.sequence, first.pose.reshape(4, 4), first.twist
         knots.add(first.knots)
     assert max(knots) > 30
+    assert one.done[0] > 3
+    assert one.done[1] > 3
+    assert one.done[SENT] > 3
 
 
 @pytest.mark.parametrize("dt", [0.005, 0.001])
