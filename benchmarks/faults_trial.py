@@ -103,14 +103,16 @@ class Trial:
         self.records: list[Path] = []
         self.moved, self.worker_pid = 0.0, 0
         self.notes: list[str] = []
+        self.preload = ""
 
     # -- processes
 
     def start_service(self) -> None:
-        """Start the service, as a service manager would."""
+        """Start the service, as a service manager would, also again."""
         words = [str(self.problem), "--dir", str(self.services), *self.setup.service]
         if "--compiled" not in words:
             words.append("--interpreted")
+        environment = self.environment | ({"LD_PRELOAD": self.preload} if self.preload else {})
         if self.setup.recorded:
             self.records.append(self.folder / f"record{len(self.records)}.mcap")
             words += ["--record", str(self.records[-1])]
@@ -126,7 +128,7 @@ class Trial:
                 [sys.executable, "-m", "ergoqp", "serve", *words],
                 stdout=log,
                 stderr=log,
-                env=self.environment,
+                env=environment,
                 preexec_fn=limited,
             )
 
