@@ -116,10 +116,18 @@ def _of_loop(twists: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _of_relay(twists: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return slopes and their changes over one period of the loop, by the relay's own clock."""
-    at = np.arange(twists["stamp"][0], twists["stamp"][-1], 0.001)
-    sent = np.stack([np.interp(at, twists["stamp"], each) for each in twists["twist"].T], axis=1)
-    slopes = (sent[10:] - sent[:-10]) / DT
-    return slopes, (slopes[10:] - slopes[:-10]) / DT
+    at, sent = twists["stamp"], twists["twist"]
+    # From every twist to the one that is nearest to one period later.
+    later = np.minimum(np.searchsorted(at, at + DT - 0.0005), len(at) - 1)
+    whole = (later > np.arange(len(at))) & (later < len(at) - 1)
+    lasts = np.where(whole, at[later] - at, DT)
+    slopes = (sent[later] - sent) / lasts[:, None]
+    second = np.flatnonzero(whole & whole[later])
+    # Means of slopes over windows that are a little shorter than a period may differ as much as
+    # those over a whole one.
+    spans = np.maximum(np.maximum(lasts[second], lasts[later[second]]), DT)
+    bends = (slopes[later[second]] - slopes[second]) / spans[:, None]
+    return slopes[whole], bends
 
 
 def zero_since(folder: Path, since: float) -> float:

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.faults_judge import read_loop
-from benchmarks.faults_world import WAIT, World
+from benchmarks.faults_world import TICK, WAIT, World
 from ergoqp.native.compiled import program
 from ergoqp.service.c_header import header, relay_source
 from ergoqp.service.client import Client, ServiceError
@@ -164,10 +164,13 @@ class Trial:
         relay = self.folder / "relay.sock" if setup.relayed else "-"
         limits = [world.speed[0], world.speed[3], world.acceleration[0], world.acceleration[3]]
         words: list[Any] = [self.socket, relay, self.folder / "robot.sock", self.folder / "state"]
-        words += [start, self.folder / f"loop{number}", _LONGEST, 0.01, WAIT, 0.0]
+        # An answer may be sent so much later than the call. The robot's timeout counts from twist
+        # to twist.
+        longest = setup.hold - WAIT - 2 * TICK if setup.hold >= 0 else 0.0
+        words += [start, self.folder / f"loop{number}", _LONGEST, 0.01, WAIT, longest]
         words += [int(setup.naive), setup.begins, STANDING, world.robot.noise]
         words += limits if setup.own_limits else [0.0] * 4
-        words += [setup.mischief, mischief, mischief + setup.lasts]
+        words += [setup.mischief, mischief, mischief + setup.lasts, setup.hold]
         self.loops.append(subprocess.Popen([str(built("loop")), *map(str, words)]))
 
     def client(self, **options: Any) -> Client:

@@ -150,7 +150,7 @@ def draw_world(rng: np.random.Generator, folder: Path, relayed: bool, hold: floa
     Args:
         rng: where chance comes from.
         folder: for the file of the problem without limits.
-        relayed: whether a relay draws lines between the twists, which is one period later.
+        relayed: whether a relay draws lines between the twists, which is up to 2.5 periods later.
         hold: the robot's own timeout [s]; negative: it has none.
     """
     problem, stepper = _scouting(folder)
@@ -200,7 +200,7 @@ def _walled(
     axis = axes[0] if turned < 0.1 else axes[int(rng.integers(0, 30))]
     half = max(np.radians(7.0), 0.6 * turned)
     declared = {
-        "delay": robot.delay + WAIT + SLACK + TICK + (0.01 if relayed else 0.0),
+        "delay": robot.delay + WAIT + SLACK + TICK + (0.025 if relayed else 0.0),
         "lag": min(0.2, robot.lag * float(rng.uniform(1.0, 1.2)) + 0.005),
         "gain_error": abs(robot.gain - 1) + float(rng.uniform(0.002, 0.02)),
         "pose_delay": 0.003,

@@ -3,12 +3,13 @@
  * The model person follows the share of the twist that the robot really does. Every period is recorded.
  *
  * Arguments: service relay|- robot state start record seconds dt timeout longest_dt naive begins standing noise
- * linear_speed angular_speed linear_acceleration angular_acceleration mischief from to.
+ * linear_speed angular_speed linear_acceleration angular_acceleration mischief from to hold.
  *
  * `robot` is the socket of the robot's datagrams. `naive`: 1 holds the last twist where no answer comes (the control).
  * `begins`, if the service does not know what the robot does: 0 waits until the robot stands, 1 takes over what it was
  * sent last, 2 goes by what the relay sends. `standing`: speed [m/s, rad/s] below which the robot's report counts as
- * standing. `longest_dt` and the limits: 0 for those that come with the answers.
+ * standing. `hold`: the robot's own timeout; negative: it has none. A robot that has one slows down by itself when this
+ * program pauses for longer or is started anew: it is then sent nothing until it stands. `longest_dt` and the limits: 0 for those that come with the answers.
  *
  * `mischief`, from `from` to `to` [s], or once at `from`: 1 the posture is NaN; on its own connection 2 random bytes,
  * 3 half a frame, 4 a frame that says it is too long, 5 another version, 6 the same request again, 7 many requests whose
@@ -128,15 +129,15 @@ int main(int count, char** argument) {
         uint64_t number;
         double time, twist[6];
     } told = {0, 0, {0}};
-    double dt, begun, end, start, standing, noise, stood = 0, from, to;
-    int to_robot, mischief, done = 0, i, naive, begins, relayed, has_sent = 0, period = 0;
+    double hold, called, dt, begun, end, start, standing, noise, stood = 0, from, to;
+    int to_robot, mischief, done = 0, i, naive, begins, relayed, has_sent = 0, silent, period = 0;
     unsigned chance = 12345;
     FILE* posture;
 
-    if (count != 22) return 2;
+    if (count != 23) return 2;
     (void)sched_setscheduler(0, SCHED_FIFO, &first); /* where it is allowed, as for a robot's program */
     dt = atof(argument[8]), naive = atoi(argument[11]), begins = atoi(argument[12]), standing = atof(argument[13]);
-    noise = atof(argument[14]), mischief = atoi(argument[19]), from = atof(argument[20]), to = atof(argument[21]);
+    noise = atof(argument[14]), mischief = atoi(argument[19]), from = atof(argument[20]), to = atof(argument[21]), hold = atof(argument[22]), silent = hold >= 0;
     relayed = strcmp(argument[2], "-") != 0;
     if (!ergoqp_client_init(&client, argument[1], relayed ? argument[2] : NULL, 32, dt)) return 3;
     client.timeout = atof(argument[9]);
@@ -158,7 +159,7 @@ int main(int count, char** argument) {
     snprintf(address.sun_path, sizeof address.sun_path, "%s", argument[3]);
 
     in.flags |= ERGOQP_CLIENT_FLAG_POSE;
-    start = begun = seconds_now();
+    start = begun = called = seconds_now();
     end = start + atof(argument[7]);
     for (; start < end && period < LOOP_RECORDS; start += dt, ++period) {
         loop_record* now = record + period;
@@ -178,13 +179,16 @@ int main(int count, char** argument) {
             misbehave(&client, mischief);
             done = 1;
         }
+        if (hold >= 0 && seconds_now() - called > client.longest_dt) silent = 1;
+        called = seconds_now();
         now->begins = report(&client, begins, stood, sent, has_sent);
         now->fresh = ergoqp_client_step(&client, &in, &out);
         if (now->fresh > 0) memcpy(rate, out.posture_rate, sizeof rate);
         if (now->fresh > 0 || !naive) memcpy(told.twist, out.twist, sizeof told.twist);
+        if (now->begins) silent = 0;
         ++told.number;
         told.time = start - begun;
-        if (!relayed) {
+        if (!relayed && !silent) {
             (void)sendto(to_robot, &told, sizeof told, MSG_DONTWAIT, (struct sockaddr*)&address, sizeof address);
             memcpy(sent, told.twist, sizeof sent);
             has_sent = 1;

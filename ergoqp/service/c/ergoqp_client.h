@@ -545,14 +545,14 @@ static inline int ergoqp_client_priv_ask_relay(ergoqp_client* c, int64_t until) 
     pending = c->pending;
     c->pending = 0;
     if (pending && c->told.session == c->pending_session && c->told.sequence == pending) {
-        /* It did get the last answer. Its twist lasts for the first of the periods that have begun. */
+        /* It did get the last answer. */
         ergoqp_client_priv_adopt(c);
-        c->followed = c->told.begun > 0 ? c->told.begun - 1 : 0;
+        c->followed = c->told.begun;
     } else if (c->session && (c->told.session != c->session || c->told.sequence != c->acted)) {
         ergoqp_client_priv_forget(c);
         ergoqp_client_priv_say(c, "relay: it does not execute what was sent to it: ", ERGOQP_CLIENT_REPORT, "");
-    } else if (c->session && (c->told.begun > c->followed + 1u || c->told.begun + 1u < c->followed)) {
-        c->followed = c->told.begun; /* this program did not run for some time, or runs at another pace */
+    } else if (c->session) {
+        c->followed = c->told.begun; /* the next line begins where the last of these periods ends */
     }
     return 1;
 }
