@@ -11,12 +11,17 @@ import numpy as np
 from benchmarks.faults_world import World
 
 ROBOT: Final = np.dtype(
-    [("time", "f8"), ("late", "f8"), ("number", "f8"), ("stamp", "f8"), ("command", "f8", 6)]
-    + [("executed", "f8", 6), ("velocity", "f8", 6), ("pose", "f8", (4, 4))]
+    [
+        *((name, "f8") for name in ("time", "late", "number", "stamp")),
+        *((name, "f8", 6) for name in ("command", "executed", "velocity")),
+        ("pose", "f8", (4, 4)),
+    ]
 )
 TWISTS: Final = np.dtype(
-    [("time", "f8"), ("number", "f8"), ("stamp", "f8"), ("ramps", "f8"), ("before", "f8", 6)]
-    + [("twist", "f8", 6)]
+    [
+        *((name, "f8") for name in ("time", "number", "stamp", "ramps")),
+        *((name, "f8", 6) for name in ("before", "twist")),
+    ]
 )
 _LOOP: Final = "time number fresh status reason waits begins rests late lost refused known moves"
 LOOP: Final = np.dtype(
@@ -47,6 +52,8 @@ class Found:
             of the stop; -1 if it is not asked for.
         robot_late_s: how late the robot's clock was at most, by the machine's fault.
         way_m: how far the object came.
+        record_lost, record_wrong: steps missing in its record without being counted there, and
+            steps that a replay computes otherwise.
         wrong: what else is not as it should be, one sentence each.
         unsafe: what was beyond the declaration, by name.
     """
@@ -60,7 +67,8 @@ class Found:
     back_s: float = -1.0
     robot_late_s: float = 0.0
     way_m: float = 0.0
-    fault_speed: float = 0.0
+    record_lost: int = 0
+    record_wrong: int = 0
     wrong: list[str] = field(default_factory=list)
     unsafe: list[str] = field(default_factory=list)
 
@@ -73,8 +81,8 @@ def read_loop(path: Path) -> np.ndarray:
     return rows[rows["number"] > 0]
 
 
-def judge(world: World, folder: Path, relayed: bool) -> Found:
-    """Return what robot and limits say of a trial."""
+def judge(world: World, folder: Path, relayed: bool, exempt: tuple[str, ...] = ()) -> Found:
+    """Return what robot and limits say of a trial; what is exempt is measured, and not unsafe."""
     found = Found()
     robot, twists = np.fromfile(folder / "robot", ROBOT), np.fromfile(folder / "twists", TWISTS)
     if not len(robot) or not len(twists):
@@ -101,7 +109,7 @@ def judge(world: World, folder: Path, relayed: bool) -> Found:
         ("place", found.outside_mm, 1e3 * AT),
         ("cone", found.outside_deg, np.degrees(AT)),
     ):
-        if value > most:
+        if value > most and name not in exempt:
             found.unsafe.append(name)
     return found
 
@@ -137,12 +145,6 @@ def zero_since(folder: Path, since: float) -> float:
     return float(robot["time"][still][0]) if still.any() else np.inf
 
 
-def speed_at(folder: Path, moment: float) -> float:
-    """Return the largest entry of the commanded twist at a moment [m/s, rad/s]."""
-    robot = np.fromfile(folder / "robot", ROBOT)
-    return float(np.abs(robot["command"][np.searchsorted(robot["time"], moment) - 1]).max())
-
-
 def rest_late(loop: np.ndarray, folder: Path, fault: float, relayed: bool) -> float:
     """Return how much later than the stop's time the commanded twist was zero [s].
 
@@ -157,7 +159,9 @@ def rest_late(loop: np.ndarray, folder: Path, fault: float, relayed: bool) -> fl
     # The stop counts from the twist, which a relay reaches one period later; one more period
     # passes until the loop notices that an answer does not come.
     due = last["time"] + last["rests"] + DT + (DT if relayed else 0.0)
-    if (fresh["time"] > last["time"]).any() and fresh["time"][fresh["time"] > last["time"]][0] < due:
+    if (fresh["time"] > last["time"]).any() and fresh["time"][fresh["time"] > last["time"]][
+        0
+    ] < due:
         return -1.0
     return min(NEVER, zero_since(folder, last["time"]) - due)
 

@@ -1,4 +1,4 @@
-"""The kinds of faults of `benchmarks.faults`: how each is set up, injected, and what is expected."""
+"""The kinds of faults of `benchmarks.faults`: set-up, injection, and the stated answer."""
 
 from __future__ import annotations
 
@@ -32,6 +32,8 @@ class Kind:
         after: how long the trial goes on after the fault [s].
         weight: share of the trials.
         before: what is done to the trial before anything runs.
+        exempt: what is measured, and not promised: the jerk where a motion is taken over by a
+            twist alone, or where a client lies about what was executed.
     """
 
     setup: Setup
@@ -42,6 +44,7 @@ class Kind:
     after: float = 1.6
     weight: float = 1.0
     before: Callable[[Trial], None] = field(default=lambda trial: None)
+    exempt: tuple[str, ...] = ()
 
 
 def nothing(trial: Trial) -> float:
@@ -160,6 +163,7 @@ def clock_library() -> Path:
     return shared_library("clock", {"clock.c": text}, (), ())
 
 
+JERK: Final = ("jerk",)
 PLAIN: Final = Setup()
 RELAYED: Final = Setup(relayed=True)
 TAKES: Final = Setup(relayed=True, begins=2)
@@ -188,7 +192,9 @@ KINDS: Final[dict[str, Kind]] = {
     "worker_kill": Kind(PLAIN, kill_worker, "the stop; a new worker; goes on", "worker", weight=3),
     "worker_kill_fifo": Kind(Setup(service=("--fifo", "20")), kill_worker, "the same", "worker"),
     "worker_kill_relay": Kind(RELAYED, kill_worker, "the same", "worker", weight=2),
-    "worker_kill_takes": Kind(Setup(begins=1), kill_worker, "goes on from what was sent"),
+    "worker_kill_takes": Kind(
+        Setup(begins=1), kill_worker, "goes on from what was sent", exempt=JERK
+    ),
     "worker_kill_twice": Kind(PLAIN, kill_worker_twice, "the stop; goes on", "worker"),
     **{
         f"worker_stop_{seconds:g}": Kind(PLAIN, stop_worker(seconds), _STOP, "worker")
@@ -218,7 +224,9 @@ KINDS: Final[dict[str, Kind]] = {
         )
         for again in (0.0, 0.1)
     },
-    "client_kill_takes": Kind(TAKES, kill_loop(0.05), "the relay's motion is taken over", weight=2),
+    "client_kill_takes": Kind(
+        TAKES, kill_loop(0.05), "the relay's motion is taken over", weight=2, exempt=JERK
+    ),
     **{
         f"client_stop_{seconds:g}_relay": Kind(RELAYED, stop_loop(seconds), _STOP)
         for seconds in (0.05, 0.2, 0.6, 2.0, 5.0)
@@ -239,7 +247,12 @@ KINDS: Final[dict[str, Kind]] = {
     "garbage": Kind(PLAIN, doors.garbage, "those connections end; the loop goes on"),
     "deaf_other": Kind(PLAIN, doors.deaf_client, "that connection ends; the loop goes on"),
     **{
-        name: Kind(Setup(mischief=number, lasts=lasts, recorded=True), nothing, expected)
+        name: Kind(
+            Setup(mischief=number, lasts=lasts, recorded=True),
+            nothing,
+            expected,
+            exempt=JERK if name in ("acted_off", "followed_off") else (),
+        )
         for name, (number, lasts, expected) in _MISCHIEF.items()
     },
     "busy": Kind(PLAIN, doors.optimise_beside, "nothing changes", after=1.0),

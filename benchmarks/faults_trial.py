@@ -121,7 +121,7 @@ class Trial:
             if self.limit_of_files is not None:
                 import resource
 
-                resource.setrlimit(resource.RLIMIT_FSIZE, (self.limit_of_files,) * 2)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (self.limit_of_files, self.limit_of_files))
 
         with (self.folder / "log").open("ab") as log:
             self.service = subprocess.Popen(
@@ -160,7 +160,9 @@ class Trial:
         """
         world, setup, number = self.world, self.setup, len(self.loops)
         start = self.folder / f"start{number}"
-        start.write_text(" ".join(f"{q:.17g}" for q in (world.start if posture is None else posture)))
+        start.write_text(
+            " ".join(f"{q:.17g}" for q in (world.start if posture is None else posture))
+        )
         relay = self.folder / "relay.sock" if setup.relayed else "-"
         limits = [world.speed[0], world.speed[3], world.acceleration[0], world.acceleration[3]]
         words: list[Any] = [self.socket, relay, self.folder / "robot.sock", self.folder / "state"]

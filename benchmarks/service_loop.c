@@ -179,13 +179,15 @@ int main(int count, char** argument) {
             misbehave(&client, mischief);
             done = 1;
         }
-        if (hold >= 0 && seconds_now() - called > client.longest_dt) silent = 1;
-        called = seconds_now();
         now->begins = report(&client, begins, stood, sent, has_sent);
         now->fresh = ergoqp_client_step(&client, &in, &out);
         if (now->fresh > 0) memcpy(rate, out.posture_rate, sizeof rate);
         if (now->fresh > 0 || !naive) memcpy(told.twist, out.twist, sizeof told.twist);
         if (now->begins) silent = 0;
+        /* From twist to twist, because this program may have been stopped within the step. */
+        if (hold >= 0 && seconds_now() - called > client.longest_dt) silent = 1;
+        if (silent && !ergoqp_client_waits(&client)) ergoqp_client_close(&client); /* what it answered is not executed */
+        called = seconds_now();
         ++told.number;
         told.time = start - begun;
         if (!relayed && !silent) {
