@@ -282,7 +282,7 @@ static int continues(const Frame* frame, double now, Told* told) {
                       frame->session == executed.session ? "this" : "another");
     } else if (now < executed.joins) {
         return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE, "it comes too early: the twist before has not begun yet");
-    } else if (!stands(now) && (frame->followed < here || frame->followed > here + 1u)) {
+    } else if (frame->followed < here || frame->followed > here + 1u) {
         return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE, "followed: got %u periods of the stop, and %u have begun",
                       (unsigned)frame->followed, (unsigned)here);
     }
