@@ -59,7 +59,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.faults_judge import Found, back, judge, rest_late
+from benchmarks.faults_judge import NEVER, Found, back, judge, rest_late
 from benchmarks.faults_kinds import KINDS
 from benchmarks.faults_trial import NotMovingError, Trial, built
 from benchmarks.faults_world import draw_world
@@ -72,6 +72,8 @@ FAULT: Final = (0.05, 1.2)
 """When the fault comes, after the object began to move [s]."""
 _SIDE_BY_SIDE: Final = 2
 _TRIES: Final = 4
+_LONGEST_BACK: Final = 8.0
+"""How long it is waited for the object to move again [s]."""
 _LATE: Final = 0.005
 _SEED: Final = 47
 """Seed of the list of trials: which kinds, with which seeds."""
@@ -163,6 +165,9 @@ def _trial(kind: str, seed: int, folder: Path) -> Found:
         fault = time.monotonic()
         over = spec.inject(one)
         time.sleep(spec.after)
+        until = over + _LONGEST_BACK if spec.group else 0.0
+        while time.monotonic() < until and back(one.loop_rows(), over) == NEVER:
+            time.sleep(0.1)
     finally:
         one.end()
     found, rows = judge(world, folder, spec.setup.relayed, spec.exempt), one.loop_rows()

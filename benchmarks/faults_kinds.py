@@ -125,6 +125,13 @@ def kill_loop(again: float | None) -> Injection:
     return inject
 
 
+def kill_relay(trial: Trial) -> float:
+    """Kill the relay."""
+    assert trial.relay is not None
+    trial.relay.kill()
+    return time.monotonic()
+
+
 def kill_recorder(trial: Trial) -> float:
     """Kill the recorder."""
     os.kill(trial.recorder(), signal.SIGKILL)
@@ -231,6 +238,9 @@ KINDS: Final[dict[str, Kind]] = {
         f"client_stop_{seconds:g}_relay": Kind(RELAYED, stop_loop(seconds), _STOP)
         for seconds in (0.05, 0.2, 0.6, 2.0, 5.0)
     },
+    "relay_kill_hold": Kind(
+        Setup(relayed=True, hold=0.1), kill_relay, "the robot ramps down", after=1.0
+    ),
     "client_kill_hold": Kind(HELD, kill_loop(None), "the robot ramps down", after=1.0),
     "client_kill_again_hold": Kind(HELD, kill_loop(0.05), "it ramps down; goes on once it stands"),
     **{

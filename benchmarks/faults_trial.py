@@ -121,7 +121,9 @@ class Trial:
             if self.limit_of_files is not None:
                 import resource
 
-                resource.setrlimit(resource.RLIMIT_FSIZE, (self.limit_of_files, self.limit_of_files))
+                resource.setrlimit(
+                    resource.RLIMIT_FSIZE, (self.limit_of_files, self.limit_of_files)
+                )
 
         with (self.folder / "log").open("ab") as log:
             self.service = subprocess.Popen(
