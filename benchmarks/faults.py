@@ -30,9 +30,9 @@ Figures:
 - ``back_s``: longest time from the end of a fault of the worker until a fresh answer moves the
   object again, minus the time of the stop. Wanted <= 0.3. ``supervisor_back_s``: the same for a
   supervisor that is started again at once. Wanted <= 1.
-- ``takes_over.jerk_factor``: of programs that take over a motion, and of clients that lie about
-  what was executed. A reported twist has no slope, so these are held within the acceleration, not
-  the jerk; they do not count as unsafe for it.
+- ``exempt.acceleration_factor``, ``exempt.jerk_factor``: of programs that take over a motion (a
+  reported twist has no slope, so the jerk is not held), and of clients without a relay that lie
+  about what was executed. They do not count as unsafe for that, but for all else.
 - ``record_lost``, ``record_wrong``: steps missing in records without being counted there, and steps
   that a replay computes otherwise. Wanted 0 wrong.
 - ``unexpected``: trials whose answer was not the stated one, by what was said on the wire.
@@ -65,7 +65,7 @@ from benchmarks.faults_trial import NotMovingError, Trial, built
 from benchmarks.faults_world import draw_world
 from benchmarks.report import Report, run
 from ergoqp.errors import ErgoqpError
-from ergoqp.service.record import record_lost
+from ergoqp.service.record import Record, record_lost
 from ergoqp.service.replayed import record_wrong
 
 FAULT: Final = (0.05, 1.2)
@@ -185,7 +185,9 @@ def _judge_records(found: Found, folder: Path) -> None:
     paths = sorted(folder.glob("record*.mcap"), key=lambda path: (len(path.name), path.name))
     paths = [path for path in paths if path.stat().st_size]
     try:
-        found.record_lost, found.record_wrong = record_lost(*paths), record_wrong(*paths)
+        # A recorder that is killed at once leaves a file without a step.
+        whole = [path for path in paths if any(True for _ in Record(path).messages())]
+        found.record_lost, found.record_wrong = record_lost(*paths), record_wrong(*whole)
     except ErgoqpError as error:
         found.wrong.append(f"record: {error}")
 
@@ -242,12 +244,13 @@ def measure(report: Report) -> None:
     report.figure("unsafe", sum(bool(each["unsafe"]) for each in trials), "wanted 0")
     report.figure("outside_mm", _largest(trials, "outside_mm"), "negative: inside; wanted <= 0")
     report.figure("outside_deg", _largest(trials, "outside_deg"), "likewise")
-    strict = [each for each in trials if "jerk" not in KINDS[each["kind"]].exempt]
-    lenient = [each for each in trials if "jerk" in KINDS[each["kind"]].exempt]
+    strict = [each for each in trials if not KINDS[each["kind"]].exempt]
+    lenient = [each for each in trials if KINDS[each["kind"]].exempt]
     report.figure("speed_factor", _largest(trials, "speed"))
-    report.figure("acceleration_factor", _largest(trials, "acceleration"), "wanted <= 1")
+    report.figure("acceleration_factor", _largest(strict, "acceleration"), "wanted <= 1")
     report.figure("jerk_factor", _largest(strict, "jerk"), "wanted <= 1")
-    report.figure("takes_over.jerk_factor", _largest(lenient, "jerk"))
+    report.figure("exempt.acceleration_factor", _largest(lenient, "acceleration"))
+    report.figure("exempt.jerk_factor", _largest(lenient, "jerk"))
     report.figure("control.outside_mm", _largest(control, "outside_mm"), "has to be > 0")
     share = np.mean([bool(each["unsafe"]) for each in control]) if control else 0.0
     report.figure("control.unsafe", float(share), "a share; has to be near 1")

@@ -32,6 +32,8 @@ LOOP: Final = np.dtype(
 DT: Final = 0.01
 ROUNDING: Final = 1e-6
 """Largest excess over a limit that is rounding (a share)."""
+OF_STAMPS: Final = 2e-3
+"""The same behind a relay, whose stamps are not whole periods apart."""
 AT: Final = 1e-6
 """Largest distance beyond a limit that is rounding [m, rad]."""
 _OPTIMAL, _SETTLED = 0, 1
@@ -105,7 +107,7 @@ def judge(world: World, folder: Path, relayed: bool, exempt: tuple[str, ...] = (
     for name, value, most in (
         ("speed", found.speed - 1, ROUNDING),
         ("acceleration", found.acceleration - 1, ROUNDING),
-        ("jerk", found.jerk - 1, ROUNDING),
+        ("jerk", found.jerk - 1, OF_STAMPS if relayed else ROUNDING),
         ("place", found.outside_mm, 1e3 * AT),
         ("cone", found.outside_deg, np.degrees(AT)),
     ):

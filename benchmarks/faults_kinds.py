@@ -33,7 +33,8 @@ class Kind:
         weight: share of the trials.
         before: what is done to the trial before anything runs.
         exempt: what is measured, and not promised: the jerk where a motion is taken over by a
-            twist alone, or where a client lies about what was executed.
+            twist alone, and the acceleration too where a client without a relay lies about what
+            the robot executed.
     """
 
     setup: Setup
@@ -171,6 +172,7 @@ def clock_library() -> Path:
 
 
 JERK: Final = ("jerk",)
+LIES: Final = ("acceleration", "jerk")
 PLAIN: Final = Setup()
 RELAYED: Final = Setup(relayed=True)
 TAKES: Final = Setup(relayed=True, begins=2)
@@ -188,8 +190,8 @@ _MISCHIEF: Final = {
     "deaf": (7, 0.0, "the connection ends; the stop; connects again"),
     "skipped": (8, 0.0, "goes on"),
     "sequence_again": (9, 0.0, "refused; the stop; goes on"),
-    "acted_off": (10, 0.0, "taken back to that answer, or waits for the report"),
-    "followed_off": (11, 0.0, "one period is braked; goes on"),
+    "acted_off": (10, 0.0, "continues from the lie; a relay refuses it"),
+    "followed_off": (11, 0.0, "continues from the lie; a relay refuses it"),
     "session_off": (12, 0.0, "no motion until the report"),
 }
 
@@ -261,9 +263,15 @@ KINDS: Final[dict[str, Kind]] = {
             Setup(mischief=number, lasts=lasts, recorded=True),
             nothing,
             expected,
-            exempt=JERK if name in ("acted_off", "followed_off") else (),
+            exempt=LIES if name in ("acted_off", "followed_off") else (),
         )
         for name, (number, lasts, expected) in _MISCHIEF.items()
+    },
+    **{
+        f"{name}_relay": Kind(
+            Setup(relayed=True, mischief=_MISCHIEF[name][0]), nothing, "the relay refuses the lie"
+        )
+        for name in ("acted_off", "followed_off", "session_off")
     },
     "busy": Kind(PLAIN, doors.optimise_beside, "nothing changes", after=1.0),
     "clock": Kind(RECORDED, jump, "nothing changes: all times are durations", before=clock_jumps),

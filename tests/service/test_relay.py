@@ -334,12 +334,31 @@ def test_early_and_late_frames_leave_no_trace(relay: Relay, sender: Sender) -> N
 
 def test_a_frame_that_comes_much_too_early_is_refused(relay: Relay, sender: Sender) -> None:
     assert sender.execute(1, 0.08).accepted
-    assert sender.execute(2, 0.08, 1, 0, Base.continues).accepted
-    told = sender.execute(3, 0.08, 2, 0, Base.continues)
-    assert (told.kind, told.why, told.sequence) == (RelayTell.refused, Why.base, 2)
-    assert told.text == "it comes too early: the twist before has not begun yet"
+    told = sender.execute(2, 0.08, 1, 0, Base.continues)  # the first twist is 1.75 periods ahead
+    assert (told.kind, told.why, told.sequence) == (RelayTell.refused, Why.base, 1)
+    assert told.text.startswith("it comes too early: what it continues from lies 0.17")
+    time.sleep(0.5 * DT)
+    for sequence in (2, 3):
+        told = sender.execute(sequence, 0.08, sequence - 1, 0, Base.continues)
+        assert told.accepted == (sequence == 2), told.text
+        time.sleep(0.1 * DT)
     relay.driver.wait_for_rest()
     relay.driver.check()
+
+
+def test_lines_wait_for_their_time(relay: Relay, sender: Sender) -> None:
+    # The third frame comes before the line to the second twist has begun.
+    rise, begun = 0.05, time.monotonic()
+    for sequence, due in ((1, 0.0), (2, 0.6), (3, 1.5)):
+        time.sleep(max(0.0, begun + due * DT - time.monotonic()))
+        told = sender.execute(sequence, rise * sequence, sequence - 1, 0, 2 - (sequence > 1))
+        assert told.accepted, told.text
+    relay.driver.wait_for_rest()
+    rows = relay.driver.rows
+    top = np.argmax(rows[:, 2])
+    rows = rows[:top]
+    rows = rows[rows[:, 2] > rise]
+    np.testing.assert_allclose(np.diff(rows[:, 2]) / np.diff(rows[:, 1]), rise / DT, rtol=1e-6)
 
 
 def test_an_axis_that_does_not_move_has_the_speed_zero(relay: Relay, sender: Sender) -> None:

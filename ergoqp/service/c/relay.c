@@ -31,6 +31,8 @@
 #define MISTAKE 2
 #define FIRST 1.75 /* a motion's first twist is reached after so many periods; later ones that are late have this to spare */
 #define LEAD 0.5   /* a client that asks now will have its answer in so many periods */
+#define AHEAD 1.5  /* a line begins at most so many periods after its frame has come */
+#define WAITING 4  /* lines that are executed or wait for their time: no more begin within AHEAD */
 
 typedef ergoqp_client_relay_execute Frame;
 typedef ergoqp_client_relay_told Told;
@@ -46,14 +48,14 @@ ERGOQP_CLIENT_ASSERT(sizeof(Datagram) == 64, datagram_size);
 /* What is executed from a time on. */
 typedef struct {
     uint64_t session, sequence;
-    double joins;     /* when its line begins [s]; until then the one before it is executed */
+    double joins;     /* when its line begins [s]; until then an earlier one is executed */
     double reach, dt; /* after how long the twist is reached, and period of the stop [s] */
     double rests;     /* after how long the output is zero for good [s] */
     double from[6];
     ergoqp_client_plan plan;
 } Executed;
 
-static Executed executed, before;
+static Executed executed, earlier[WAITING]; /* the newest one, and those before it, newest first */
 
 /* The one client. */
 static struct {
@@ -110,9 +112,11 @@ static double seconds_now(void) {
 /* ---------------------------------------- the output */
 
 static void output(double now, double twist[6]) {
-    const Executed* one = now < executed.joins ? &before : &executed;
-    const double passed = now - one->joins;
+    const Executed* one = &executed;
+    double passed;
     int i;
+    for (i = 0; i < WAITING && now < one->joins; ++i) one = earlier + i;
+    passed = now - one->joins;
     if (passed >= one->reach) {
         ergoqp_client_priv_at(&one->plan, passed - one->reach, twist);
         return;
@@ -256,6 +260,9 @@ static int keeps_limits(Frame* frame, Told* told) {
     return 1;
 }
 
+/* When the twist is reached that a frame continues from, or the knot of its stop. */
+static double ahead(const Frame* frame) { return executed.joins + executed.reach + frame->followed * executed.dt; }
+
 /* Whether a frame continues from what the robot does. */
 static int continues(const Frame* frame, double now, Told* told) {
     const uint32_t here = begun(now);
@@ -280,11 +287,12 @@ static int continues(const Frame* frame, double now, Told* told) {
                       "acted: got answer %llu, and answer %llu of %s session is executed",
                       (unsigned long long)frame->acted, (unsigned long long)executed.sequence,
                       frame->session == executed.session ? "this" : "another");
-    } else if (now < executed.joins) {
-        return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE, "it comes too early: the twist before has not begun yet");
     } else if (frame->followed < here || frame->followed > here + 1u) {
         return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE, "followed: got %u periods of the stop, and %u have begun",
                       (unsigned)frame->followed, (unsigned)here);
+    } else if (ahead(frame) > now + AHEAD * frame->dt && !stands(now)) {
+        return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE,
+                      "it comes too early: what it continues from lies %.3f s ahead", ahead(frame) - now);
     }
     return 1;
 }
@@ -316,11 +324,12 @@ static void execute(Frame* frame, double now, Told* told) {
     }
     if (frame->base == ERGOQP_CLIENT_RELAY_BASE_CONTINUES && !stands(now)) {
         /* From a knot of the stop, or the twist itself, which lies ahead. */
-        joins = executed.joins + executed.reach + frame->followed * executed.dt;
+        joins = ahead(frame);
         least = frame->dt;
     }
     output(joins, from);
-    before = executed;
+    memmove(earlier + 1, earlier, (WAITING - 1) * sizeof *earlier);
+    earlier[0] = executed;
     memcpy(executed.from, from, sizeof from);
     executed.session = frame->session;
     executed.sequence = frame->sequence;
