@@ -181,7 +181,7 @@ class Loop:
             if wrong := self._begin(request, bits):
                 return note(Tell.refused, sequence, wrong, self.session)
             marks |= Mark.begun
-        elif session != self.session or not session or acted not in self._kept:
+        elif session != self.session or acted not in self._kept:
             return note(Tell.unknown, sequence, _UNKNOWN, self.session)
         elif sequence <= self._sequence:
             wrong = f"sequence: got {sequence} again, allowed a number above {self._sequence}"

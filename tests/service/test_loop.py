@@ -295,6 +295,9 @@ def test_a_stop_of_very_short_periods_does_not_hold_up_the_other_loops(talk: Tal
     answer = talk.ask(START, USUAL, acted=acted, followed=30_000)
     assert answer.kind == Tell.unknown
     assert "30000 periods" in answer.text
+    # Nothing was braked: who knows better goes on from the answer.
+    again = talk.ask(START, USUAL, acted=acted, dt=1e-5)
+    np.testing.assert_allclose(again.twist, 0.19, atol=1e-4)
 
 
 @pytest.mark.parametrize(
