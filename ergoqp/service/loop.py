@@ -332,8 +332,7 @@ class Loop:
         self._kept, self._sequence, self.moved = kept, sequence, not stepper.still
         if self.direct:
             assert self._packing is not None
-            said = self._bits & _HOLD or self.unrecorded
-            self._packing.arm(None if said else stepper.usual, state, self.session, sequence)
+            self._packing.arm(stepper.usual, state, self.session, sequence)
 
     def disarm(self) -> None:
         """Answer the next request in Python, whatever it is."""
