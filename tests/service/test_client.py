@@ -225,7 +225,7 @@ def lying(path: Path, answer: Callable[[bytes], bytes | None], client: Client) -
     thread = threading.Thread(target=serve)
     thread.start()
     client.close()
-    client._path = str(path)
+    client._service.path = str(path)
     try:
         yield
     finally:
@@ -320,7 +320,7 @@ def test_a_late_answer_is_never_taken_for_the_next(service: Running, tmp_path: P
         late = client.step(START)
         assert not late.fresh
         assert client.late == 1
-        assert client._outstanding == 2
+        assert client._service.outstanding == 2
         np.testing.assert_array_equal(late.twist, 0.0)  # the only knot of its stop
         time.sleep(0.4)
         step = client.step(START)
