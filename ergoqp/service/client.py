@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import struct
 import time
 from pathlib import Path
 from typing import Any, Final
@@ -38,8 +37,6 @@ _FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _TRY_AGAIN, _TAKES_OVER = (
     for name in ("frame", "pose", "twist", "observed", "enable", "try_again", "takes_over")
 )
 _STEP, _TOLD = int(Ask.step), int(Tell.step)
-_REST: Final = struct.Struct("<HHIIIIIIId")
-"""The head of an answer behind that of all frames."""
 _CONNECTING: Final = 5.0
 """How long the first connection and the description may take [s]."""
 _MOST: Final = 4e9
@@ -131,7 +128,8 @@ class Client:
         self._plan: Plan = self._kept
         self._followed, self._dt_of_answer = 0.0, self.dt
         self._session = self._sequence = self._acted = 0
-        self._begin = self._hold = self._again = self._place = self._answered = 0
+        self._begin = self._hold = self._again = self._place = 0
+        self._head = ANSWER_HEAD.unpack_from(self._next.view)
         self._pending: tuple[int, int, float] | None = None
         self._acceleration = np.array(self.description["acceleration"], dtype=float)
         self._called = -np.inf
@@ -312,10 +310,10 @@ class Client:
                 self._followed += period / self._dt_of_answer
             twist = self._plan.at(self._followed * self._dt_of_answer)
             return ClientStep(twist, "braking", self._why, False, start, self._kept, self._names)
-        self._adopt(self._answered, self._sequence, period)
+        _, _, _, session, sequence, _, drawn, status, _, reason, _, _, _, _, computed = self._head
+        self._adopt(session, sequence, period)
         self._again = 0
         kept = self._kept
-        _, drawn, status, _, reason, _, _, _, _, computed = _REST.unpack_from(kept.view, HEAD.size)
         text = self._words(reason) if reason else ""
         return ClientStep(
             kept.twist.copy(),
@@ -414,16 +412,16 @@ class Client:
         if not length:
             self._why = service.why
             return False
-        _, _, kind, session, _ = HEAD.unpack_from(answer.view)
+        self._head = _, _, kind, _, _, _, _, _, _, _, _, _, _, knots, _ = ANSWER_HEAD.unpack_from(
+            answer.view
+        )
         if kind != _TOLD or length != len(answer.view):
             self._not_done(kind, bytes(answer.view[ANSWER_HEAD.size : length]))
             return False
-        knots = _REST.unpack_from(answer.view, HEAD.size)[8]
         if wrong := answer.wrong(knots, self._kept):
             service.refused += 1
             self._why = f"service: an answer {wrong}"
             return False
-        self._answered = session
         return True
 
     def _not_done(self, kind: int, text: bytes) -> None:
@@ -465,7 +463,7 @@ class Client:
             if self._begin == _TAKES_OVER:
                 base = Base.motion
                 moves = self._plan.at(self._followed * self._dt_of_answer)
-        executed = self._answered, self._sequence
+        executed = self._head[3], self._sequence
         # Until it answers, nobody knows whether it executes this.
         self._pending = (*executed, period)
         until = start + self.timeout

@@ -73,14 +73,15 @@ class Answer(Plan):
         )
         self._sent = numbers(buffer, "twist", "posture_rate")
         self._knots = numbers(buffer, "times", "stop")
-        self._grows, self._times = 0, self.view[layout.at["times"]]
+        # Times that were seen to grow, and how many of them.
+        self._bytes, self._seen, self._grow = self.view[layout.at["times"]], b"", 0
 
     def wrong(self, knots: int, last: Answer) -> str:
         """Take the number of knots; return what keeps a robot and a person from executing it.
 
         Args:
             knots: number of knots, as the answer says.
-            last: an answer that was executed; the times of most stops are the same.
+            last: the answer that is executed.
         """
         # A product with itself is infinite or NaN if any number is.
         sent, line = self._sent, self._knots
@@ -88,13 +89,13 @@ class Answer(Plan):
             return "with twists that are no numbers"
         if knots > KNOTS:
             return f"of {knots} knots, allowed {KNOTS}"
-        if knots <= last._grows and self._times == last._times:
-            self._grows = last._grows
-        else:
-            self._grows = 0
+        # Most stops have the same times; comparing views would cost more than copying them.
+        seen, grow = self._bytes.tobytes(), last._grow
+        if knots > grow or seen != last._seen:
             if not (np.diff(self.times[:knots], prepend=0.0) > 0.0).all():
                 return "with a stop whose times do not grow"
-            self._grows = knots
+            grow = knots
+        self._seen, self._grow = seen, grow
         self.knots = knots
         return ""
 

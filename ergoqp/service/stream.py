@@ -89,36 +89,37 @@ class Stream:
         Returns:
             Length of the answer; 0 if there is none, see `why`.
         """
-        head = self._head
+        head, connection, got = self._head, self.socket, self._got
+        if connection is None:
+            return self.lose()
         while True:
             left = until - time.perf_counter()
-            if not self._arrives(left if left > 0.0 else 0.0):
+            if not _arrives(connection.fileno(), left if left > 0.0 else 0.0):
                 self.late += 1
                 self.why = f"{self._who}: no answer in time"
                 return 0
             try:
-                count = self.socket.recv_into(into[self._got :]) if self.socket else 0
+                count = connection.recv_into(into[got:] if got else into)
             except BlockingIOError:
                 continue
             except OSError:
                 count = 0
             if not count:
                 return self.lose()
-            self._got += count
-            if self._got < head.size:
+            self._got = got = got + count
+            if got < head.size:
                 continue
-            length, version, *_, number = head.unpack_from(into)
+            found = head.unpack_from(into)
+            length, version, number = found[0], found[1], found[-1]
             if not head.size <= length <= LONGEST:
                 return self.refuse("an answer that is none")
             if version != self._version:
                 return self.refuse(f"an answer of version {version}, allowed {self._version}")
             if length > len(into):
                 return self.refuse("an answer that is too long")
-            if self._got < length:
+            if got < length:
                 continue
-            if self._got > length or not (
-                number == self.outstanding or (self._unasked and not number)
-            ):
+            if got > length or (number != self.outstanding and (number or not self._unasked)):
                 return self.refuse("an answer to another question")
             self.outstanding = self._got = 0
             return length
@@ -135,16 +136,14 @@ class Stream:
         self.close()
         return 0
 
-    def _arrives(self, seconds: float) -> bool:
-        """Wait for bytes, or the end of the connection."""
-        if self.socket is None:
-            return True  # its end
-        number = self.socket.fileno()
-        if number < _SELECTED:  # this waits to the microsecond, and the other to the millisecond
-            return bool(select.select((number,), (), (), seconds)[0])
-        poll = select.poll()
-        poll.register(number, select.POLLIN)
-        return bool(poll.poll(1e3 * seconds))
+
+def _arrives(number: int, seconds: float) -> bool:
+    """Wait for bytes on a descriptor, or for the end of the connection."""
+    if number < _SELECTED:  # this waits to the microsecond, and the other to the millisecond
+        return bool(select.select((number,), (), (), seconds)[0])
+    poll = select.poll()
+    poll.register(number, select.POLLIN)
+    return bool(poll.poll(1e3 * seconds))
 
 
 __all__ = ["Stream"]
