@@ -274,11 +274,11 @@ def test_what_the_relay_took_without_saying_so_counts_once_it_is_asked(
     assert not client.step(START).fresh  # one question at a time
     assert (len(fake.requests), client.late) == (count, 2)
     time.sleep(0.8)
-    fake_relay.delay, fake_relay.takes, fake_relay.begun = 0.0, True, 1 if takes else 3
+    fake_relay.delay, fake_relay.takes, fake_relay.begun = 0.0, True, 1 if takes else 4
     client.timeout = 2.0
     assert client.step(START).fresh
-    # Of the second answer the twist alone, or three periods of the first one's stop.
-    assert said(fake)[2:] == ((2, 0) if takes else (1, 3))
+    # Of the second answer the twist alone, or four periods of the first one's stop.
+    assert said(fake)[2:] == ((2, 0) if takes else (1, 4))
     # What a reset forgot does not come back.
     fake_relay.delay, client.timeout = 0.5, 0.15
     assert not client.step(START).fresh
