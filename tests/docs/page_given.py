@@ -79,6 +79,19 @@ def _service() -> dict[str, Any]:
             time.sleep(0.05)
 
 
+def _relay() -> dict[str, Any]:
+    """A relay in the usual folder, and a robot that has not moved yet."""
+    command = [sys.executable, "-m", "ergoqp", "relay"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    atexit.register(lambda: (process.terminate(), process.wait()))
+    until = time.monotonic() + 60
+    with ergoqp.Client("screwing", relay="relay", timeout=1.0) as client:
+        while not (client.step(None), client.relay_stands)[1]:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+    return _robot()
+
+
 def _posture() -> dict[str, Any]:
     problem = ergoqp.load_problem("screwing")
     return {"posture": awkward_start(problem, person_of_kind("alike", problem, 0), 0)}
@@ -138,6 +151,7 @@ GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "trial": _trial,
     "robot": _robot,
     "service": _service,
+    "relay": _relay,
     "posture": _posture,
     "patient": _patient,
     "run": _run,
