@@ -26,6 +26,8 @@ is compiled, the answer holds the certified stop, and the object moves.
 from __future__ import annotations
 
 import contextlib
+import gc
+import json
 import os
 import select
 import signal
@@ -36,13 +38,16 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from types import SimpleNamespace
+from typing import Any, Final
 
 import numpy as np
 
 from benchmarks.report import Report, run
 from ergoqp.joints import INDEX
+from ergoqp.native.compiled import program
 from ergoqp.problem.load import load_problem
+from ergoqp.service.c_header import header
 from ergoqp.service.client import Client, ServiceError
 from ergoqp.service.schema import answer_frame, request_frame
 from ergoqp.step.stepper import Stepper
@@ -192,44 +197,237 @@ def timed(call: Callable[[], None], rate: float, count: int) -> list[float]:
     return found
 
 
+class JsonLoop:
+    """A loop by lines of JSON."""
+
+    def __init__(self, folder: Path, loop: str) -> None:
+        """Connect."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.connect(str(folder / "json.sock"))
+        self._lines, self._loop, self._begins = self._socket.makefile("rb"), loop, True
+
+    def reset(self) -> None:
+        """Report that the robot stands."""
+        self._begins = True
+
+    def step(self, posture: np.ndarray) -> SimpleNamespace:
+        """Ask for a step."""
+        asked = {"loop": self._loop, "posture": posture.tolist(), "standing": self._begins}
+        self._socket.sendall(json.dumps({"step": asked}).encode() + b"\n")
+        told = json.loads(self._lines.readline())
+        self._begins = False
+        return SimpleNamespace(
+            fresh="twist" in told,
+            twist=np.array(told.get("twist", np.zeros(6))),
+            posture_rate=np.array(told.get("posture_rate", np.zeros(32))),
+        )
+
+
+class InC:
+    """A program in C that makes the calls.
+
+    Attributes:
+        moving: calls in which the object moved; calls: all.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        """Start it."""
+        self.moving = self.calls = 0
+        self._process = subprocess.Popen(
+            [str(c_program()), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self._tell(" ".join(map(repr, awkward().tolist())))
+
+    def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+
+    def block(self, rate: float, count: int) -> list[float]:
+        """Return the times of a block of calls [us]."""
+        assert self._process.stdout is not None
+        self._tell(f"{rate} {count}")
+        moving, *times = self._process.stdout.readline().split()
+        self.moving, self.calls = self.moving + int(moving), self.calls + len(times)
+        return list(map(float, times))
+
+    def end(self) -> None:
+        """End it."""
+        self._process.communicate()
+
+
+def c_program() -> Path:
+    """Return the compiled program of `InC`."""
+    here = Path(__file__).parent
+    sources = {
+        "service_client.c": (here / "service_client.c").read_text(),
+        "ergoqp_client.h": header(),
+    }
+    return program("service_client", sources)
+
+
 def doors(report: Report) -> None:
     """Measure every door at every rate."""
     rng, bounds, own, moving = np.random.default_rng(0), {}, {}, []
     problem = load_problem(PROBLEM)
     n, rows = len(problem.coordinates), len(problem.row_names)
     sizes = request_frame(n).length, answer_frame(n, rows).length
+    lengths = [str(size) for size in sizes]
     for name, (rate, dt) in RATES.items():
         with contextlib.ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="eqp")))
-            stack.enter_context(service(folder / "s", "--compiled", "--dt", str(dt)))
+            loops = [f"{PROBLEM}.{number}" for number in range(3)]
+            given = ("--compiled", "--dt", str(dt), "--loops", "3")
+            stack.enter_context(service(folder / "s", *given))
             stack.enter_context(echo(folder / "raw", *sizes))
-            client, stepper = client_of(folder / "s"), Stepper(problem, compiled=True, dt=dt)
-            calls: dict[str, Callable[[], None]] = {
+            client = client_of(folder / "s", loops[0])
+            stepper = Stepper(problem, compiled=True, dt=dt)
+            lines = JsonLoop(folder / "s", loops[2])
+            in_c = InC("client", str(folder / "s" / f"{loops[1]}.sock"), str(dt))
+            raw_c = InC("raw", str(folder / "raw"), str(dt), *lengths)
+            calls: dict[str, Any] = {
                 "raw": raw_call(folder / "raw", *sizes),
+                "raw_c": raw_c,
                 "direct": Loop(stepper.step, stepper.reset, dt),
                 "unix": Loop(client.step, client.reset, dt),
+                "c": in_c,
+                "json": Loop(lines.step, lines.reset, dt),
             }
             found: dict[str, list[float]] = {door: [] for door in calls}
-            blocks, block = report.pick(4, 16), report.pick(100, 250)
+            blocks, block = report.pick(2, 16), report.pick(60, 250)
             for number in range(blocks + 1):
                 for door in rng.permutation(list(calls)):
-                    times = timed(calls[door], rate, block)
+                    call = calls[door]
+                    times = (
+                        call.block(rate, block)
+                        if isinstance(call, InC)
+                        else timed(call, rate, block)
+                    )
                     if number:  # the first block warms up
                         found[door] += times
             client.close()
+            in_c.end()
+            raw_c.end()
         for door, times in found.items():
             median, tail = np.percentile(times, [50, 99])
             report.figure(f"{door}_{name}.median_us", median)
             report.figure(f"{door}_{name}.p99_us", tail)
-        medians = {door: float(np.median(times)) for door, times in found.items()}
-        bounds[name] = (medians["unix"] - medians["raw"]) / (1.5 * medians["direct"])
-        own[name] = (medians["unix"] - medians["raw"] - medians["direct"]) / medians["raw"]
-        moving += [each.moving / each.calls for each in calls.values() if isinstance(each, Loop)]
+        middle = {door: float(np.median(times)) for door, times in found.items()}
+        over = max(middle["unix"] - middle["raw"], middle["c"] - middle["raw_c"])
+        bounds[name] = over / (1.5 * middle["direct"])
+        own[name] = (middle["unix"] - middle["raw"] - middle["direct"]) / middle["raw"]
+        doors_moved = (calls["direct"], calls["unix"], calls["c"])
+        moving += [each.moving / each.calls for each in doors_moved]
         report.figure(f"bound.{name}", bounds[name])
         report.figure(f"own_ratio.{name}", own[name])
     report.figure("bound", max(bounds.values()), "wanted <= 1")
     report.figure("own_ratio", max(own.values()), "wanted <= 2")
     report.figure("moving", min(moving), "wanted >= 0.5")
+
+
+def fifo(report: Report) -> None:
+    """Measure the tail with SCHED_FIFO, where it is allowed."""
+    with tempfile.TemporaryDirectory(prefix="eqp") as folder:
+        place = Path(folder) / "s"
+        with service(place, "--compiled", "--fifo", "20"):
+            client = client_of(place)
+            loop = Loop(client.step, client.reset, client.dt)
+            timed(loop, 1000.0, 200)
+            times = timed(loop, 1000.0, report.pick(1000, 20_000))
+            client.close()
+        allowed = "SCHED_FIFO 20, memory" in (place / "log").read_text()
+    report.figure("fifo", allowed, "1: SCHED_FIFO is allowed here")
+    report.figure("unix_1khz.p99_us.fifo", float(np.percentile(times, 99)))
+
+
+def sixteen(report: Report) -> None:
+    """Measure sixteen loops of one worker, with and without the recorder and a long computation."""
+    found: dict[bool, list[float]] = {False: [], True: []}
+    for busy in [False, True] * report.pick(1, 4):
+        with tempfile.TemporaryDirectory(prefix="eqp") as folder:
+            place = Path(folder) / "s"
+            more = ("--record", f"{folder}/record.mcap") if busy else ()
+            with service(place, "--compiled", "--loops", "16", *more):
+                names = [f"{PROBLEM}.{number}" for number in range(16)]
+                client_of(place, names[0]).close()
+                clients = [client_of(place, name) for name in names]
+                search = long_computation() if busy else None
+                try:
+                    found[busy] += staggered(clients, report.pick(2.0, 10.0))
+                finally:
+                    if search is not None:
+                        search.kill()
+                        search.wait()
+                    for client in clients:
+                        client.close()
+    medians = {busy: float(np.median(times)) for busy, times in found.items()}
+    report.figure("sixteen.median_us", medians[False])
+    report.figure("sixteen.median_us.busy", medians[True])
+    report.figure("sixteen.p99_us", float(np.percentile(found[False], 99)))
+    report.figure("sixteen.p99_us.busy", float(np.percentile(found[True], 99)))
+    report.figure("sixteen.median_ratio", medians[True] / medians[False], "wanted <= 1.5")
+
+
+def long_computation() -> subprocess.Popen[bytes]:
+    """Start a search for places at idle priority, over and over."""
+    script = (
+        "import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0));"
+        "import ergoqp; p = ergoqp.load_problem('overhead'); q = p.response.comfort\n"
+        "while True: ergoqp.optimise(p, q, starts=8)"
+    )
+    return subprocess.Popen([sys.executable, "-c", script])
+
+
+def staggered(clients: list[Client], seconds: float) -> list[float]:
+    """Return the times of the calls of all clients at 100 Hz, one after the other [us]."""
+    postures, found = [awkward() for _ in clients], []
+    for client in clients:
+        client.reset()
+    gc.collect()
+    gc.disable()
+    due, every = time.perf_counter(), 0.01 / len(clients)
+    for number in range(int(seconds / every)):
+        due += every
+        if (wait := due - time.perf_counter()) > 0:
+            time.sleep(wait)
+        which = number % len(clients)
+        start = time.perf_counter()
+        step = clients[which].step(postures[which])
+        if step.fresh:
+            found.append(1e6 * (time.perf_counter() - start))
+            postures[which] = postures[which] + 0.01 * step.posture_rate
+        elif clients[which].waits:
+            clients[which].reset()
+    gc.enable()
+    return found
+
+
+def soak(report: Report) -> None:
+    """Call at 1 kHz for a long time."""
+    seconds = report.pick(2.0, 600.0)
+    with tempfile.TemporaryDirectory(prefix="eqp") as folder:
+        place = Path(folder) / "s"
+        with service(place, "--compiled"):
+            client = client_of(place)
+            worker = client.description["health"]["pid"]
+            loop = Loop(client.step, client.reset, client.dt)
+            timed(loop, 1000.0, 1000)
+            before, calls = resident_mb(worker), loop.calls
+            for _ in range(int(seconds)):
+                timed(loop, 1000.0, 1000)
+            report.figure("soak_s", seconds)
+            report.figure("soak.calls", loop.calls - calls)
+            report.figure("late", client.late, "answers after more than a second")
+            report.figure("lost", client.lost, "wanted 0")
+            report.figure("repeated", client.refused, "wanted 0")
+            report.figure("memory_mb", resident_mb(worker) - before, "wanted <= 5")
+            client.close()
+
+
+def resident_mb(pid: int) -> float:
+    """Return the memory that a process has for itself or shares [MB]."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def processor_time(pid: int) -> float:
@@ -241,7 +439,7 @@ def processor_time(pid: int) -> float:
 def cold_start(report: Report) -> None:
     """Measure the way from the command to the first certified twist."""
     cpu, wall = [], []
-    for _ in range(report.pick(3, 9)):
+    for _ in range(report.pick(2, 9)):
         with tempfile.TemporaryDirectory(prefix="eqp") as folder:
             begun = time.perf_counter()
             with service(Path(folder) / "s", "--interpreted") as process:
@@ -262,6 +460,9 @@ def measure(report: Report) -> None:
     """Measure all figures."""
     cold_start(report)
     doors(report)
+    fifo(report)
+    sixteen(report)
+    soak(report)
 
 
 if __name__ == "__main__":

@@ -147,6 +147,7 @@ def test_command_of_the_wheel(installed, tmp_path):
 def test_public_names():
     assert set(ergoqp.__all__) == {
         "JOINTS",
+        "Client",
         "Control",
         "Problem",
         "Step",

@@ -38,6 +38,13 @@ PUBLIC: Final[dict[str, tuple[str, ...]]] = {
         "ergoqp.seeking.next_place.Try",
         "ergoqp.export.folder.export_step",
     ),
+    "The service": (
+        "ergoqp.Client",
+        "ergoqp.service.client.ServiceError",
+        "ergoqp.service.schema.schema",
+        "ergoqp.service.replayed.replay_record",
+        "ergoqp.service.replayed.Replayed",
+    ),
     "Postures and their score": (
         "ergoqp.JOINTS",
         "ergoqp.joints.INDEX",

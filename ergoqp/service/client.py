@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import select
 import socket
-import struct
 import time
-from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,36 +12,35 @@ import numpy as np
 
 from ergoqp.arguments import check_number, read_array
 from ergoqp.errors import ErgoqpError, InputError
+from ergoqp.service.client_step import STATUSES, Answer, ClientStep, Plan, ramp
 from ergoqp.service.folder import default_folder, socket_path
+from ergoqp.service.relay import Base, RelayTell
+from ergoqp.service.relay_link import RelayLink
 from ergoqp.service.schema import (
     ANSWER_HEAD,
     HEAD,
-    KNOTS,
     LONGEST,
     REQUEST_HEAD,
     VERSION,
     Ask,
     Flag,
-    Frame,
     Tell,
     answer_frame,
     request_frame,
 )
+from ergoqp.service.stream import Stream
+from ergoqp.step.layout import SHORTEST_DT
 
 # Plain numbers, because those of an enumeration cost ten times as much to compare.
 _FRAME, _POSE, _TWIST, _OBSERVED, _ENABLE, _TRY_AGAIN, _TAKES_OVER = (
     int(Flag[name])
     for name in ("frame", "pose", "twist", "observed", "enable", "try_again", "takes_over")
 )
-_STEP, _TOLD, _QUIET = int(Ask.step), int(Tell.step), int(socket.MSG_NOSIGNAL)
-_REST: Final = struct.Struct("<HHIIIIIIId")
-"""The head of an answer behind that of all frames."""
-_STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
+_STEP, _TOLD = int(Ask.step), int(Tell.step)
 _CONNECTING: Final = 5.0
 """How long the first connection and the description may take [s]."""
-_HUGE: Final = 1e12
-_SELECTED: Final = 1024
-"""Descriptors from this number on cannot be given to `select.select`."""
+_MOST: Final = 4e9
+"""Most periods of a stop that a request can say."""
 _ASK: Final = "call reset() once it stands, or reset(twist=) with its measured twist"
 
 
@@ -58,125 +52,6 @@ class ServiceError(ErgoqpError):
         >>> issubclass(ServiceError, ErgoqpError)
         True
     """
-
-
-class Answer:
-    """Memory for one answer, and views of its numbers.
-
-    Attributes:
-        layout: where its fields are.
-        view: all its bytes.
-        twist: the twist (6,); times: of the knots [s]; stop: their twists (k, 6).
-    """
-
-    def __init__(self, layout: Frame) -> None:
-        """Allocate it, with zeros."""
-        buffer = bytearray(layout.length)
-        self.layout, self.view = layout, memoryview(buffer)
-        self.twist = layout.numbers(buffer, "twist")
-        self.times = layout.numbers(buffer, "times")
-        self.stop = layout.numbers(buffer, "stop").reshape(KNOTS, 6)
-        self._sent = layout.numbers(buffer, "twist", "posture_rate")
-        self._knots = layout.numbers(buffer, "times", "stop")
-
-    @property
-    def usable(self) -> bool:
-        """Whether what a robot and a person execute are finite numbers."""
-        # A product with itself is infinite or NaN if any number is.
-        sent, knots = self._sent, self._knots
-        return bool(sent.dot(sent) < _HUGE and knots.dot(knots) < _HUGE)
-
-
-class ClientStep:
-    """The answer of one step, with the members of `ergoqp.Step`.
-
-    Attributes:
-        twist: twist to send (6,) [m/s, rad/s].
-        status: as of `ergoqp.Step`. An answer that did not come in time gives ``braking``.
-        reason: one sentence; empty for a plain optimal step.
-        fresh: whether the service answered in time. Otherwise the twist is the next one of the
-            stop that came with the last answer.
-        solve_time: duration of the call [s].
-        computed: time that the step took in the service [s]; 0 if it is not fresh.
-    """
-
-    def __init__(
-        self,
-        twist: np.ndarray,
-        status: str,
-        reason: str,
-        fresh: bool,
-        start: float,
-        answer: Answer,
-        names: Mapping[str, tuple[str, ...]],
-        computed: float = 0.0,
-        drawn: int = 0,
-    ) -> None:
-        """Keep the bytes of the last answer; members are read from them on demand."""
-        self.twist, self.status, self.reason, self.fresh = twist, status, reason, fresh
-        self.computed, self.drawn = computed, drawn
-        self._frame, self._layout, self._names = bytes(answer.view), answer.layout, names
-        self.solve_time = time.perf_counter() - start
-
-    def __repr__(self) -> str:
-        """Show twist, status and reason."""
-        twist = np.array2string(self.twist, precision=4, suppress_small=True)
-        return f"ClientStep(twist={twist}, status={self.status!r}, reason={self.reason!r})"
-
-    def _value(self, name: str) -> np.ndarray:
-        return self._layout.numbers(self._frame, name).copy()
-
-    @property
-    def pose(self) -> np.ndarray:
-        """Contact frame in the world that the last answered step used (4, 4) [m]."""
-        return self._value("pose").reshape(4, 4)
-
-    @property
-    def posture_rate(self) -> np.ndarray:
-        """How the model person follows [rad/s]; zero if the step is not fresh."""
-        rate = self._value("posture_rate")
-        return rate if self.fresh else np.zeros_like(rate)
-
-    @property
-    def cost(self) -> float:
-        """V of the posture, at the last answer [points]."""
-        return float(self._value("cost")[0])
-
-    @property
-    def gain(self) -> float:
-        """Predicted improvement within one second at full speed, at the last answer [points]."""
-        return float(self._value("gain")[0])
-
-    @property
-    def residuals(self) -> dict[str, float]:
-        """Residuals by name, see `ergoqp.Step`."""
-        return dict(
-            zip(("qp", "contact", "accepted"), self._value("residuals").tolist(), strict=True)
-        )
-
-    @cached_property
-    def margins(self) -> dict[str, float]:
-        """Distance of every row to its nearer end, in the unit of the row."""
-        return dict(zip(self._names["rows"], self._value("margins").tolist(), strict=True))
-
-    @cached_property
-    def slack(self) -> dict[str, float]:
-        """By how much the QP missed a row, in its unit per second; only missed rows."""
-        found = zip(self._names["rows"], self._value("slack").tolist(), strict=True)
-        return {name: value for name, value in found if value > 1e-7}
-
-    @cached_property
-    def locked(self) -> tuple[str, ...]:
-        """Joints at their end that the model person holds still."""
-        held = np.flatnonzero(self._value("locked") > 0.5)
-        return tuple(self._names["coordinates"][i] for i in held)
-
-    @cached_property
-    def active(self) -> tuple[str, ...]:
-        """Names of the rows that hold the object back, and of the joints that yield."""
-        pushing = np.flatnonzero(np.abs(self._value("multipliers")) > 1e-6)
-        rows = [self._names["rows"][i] for i in pushing]
-        return (*rows, *(joint for joint in self.locked if joint not in rows))
 
 
 class Client:
@@ -197,6 +72,15 @@ class Client:
         timeout: how long a call of `step` may wait for the answer [s]. None: half a period.
         explain: whether the service writes reasons in full, which takes it some 60 us for each new
             one. Otherwise `ClientStep.reason` is a sentence without numbers.
+        relay: path of the socket of `ergoqp relay`, or its name, such as ``"relay"``, in the
+            service's usual folder. The relay then moves the robot, also when this program is late,
+            hangs or dies, and `ClientStep.twist` is for information. It knows how far the stop has
+            gone, so a pause of any length costs nothing but the stop. None: this program sends the
+            twists itself.
+
+    Attributes:
+        description: what the loop is, as the service says it.
+        dt, timeout: as of the arguments.
 
     Raises:
         ServiceError: if no service answers there.
@@ -217,13 +101,11 @@ class Client:
         dt: float | None = None,
         timeout: float | None = None,
         explain: bool = True,
+        relay: str | Path | None = None,
     ) -> None:
         """Connect, and read what the loop is."""
-        path = Path(address)
-        if path.suffix != ".sock" and len(path.parts) == 1:
-            path = socket_path(default_folder(), str(address))
-        self._path, self._socket = os.fspath(path), None
-        self._outstanding, self._got = 0, 0
+        self._service = Stream("service", _path_of(address), HEAD, VERSION)
+        self._relay = None if relay is None else RelayLink(_path_of(relay))
         self.description = self._read_description()
         self.dt = float(self.description["dt"] if dt is None else dt)
         check_number("dt", self.dt, 1e-5, float(self.description["longest_dt"]), "s")
@@ -242,13 +124,51 @@ class Client:
         layout = answer_frame(self._n, len(rows))
         # The answer that is executed, and the one that arrives; they change places.
         self._kept, self._next = Answer(layout), Answer(layout)
-        self._length = layout.length
-        self._session = self._sequence = self._acted = self._followed = self._knots = 0
+        # What the robot executes, and how far, in periods of the answer.
+        self._plan: Plan = self._kept
+        self._followed, self._dt_of_answer = 0.0, self.dt
+        self._session = self._sequence = self._acted = 0
         self._begin = self._hold = self._again = self._place = 0
-        self._start_twist, self._dt_of_answer = np.zeros(6), self.dt
+        self._head = ANSWER_HEAD.unpack_from(self._next.view)
+        self._pending: tuple[int, int, float] | None = None
+        self._acceleration = np.array(self.description["acceleration"], dtype=float)
         self._called = -np.inf
         self._why = f"the service was not told yet what the robot does: {_ASK}"
-        self.late = self.lost = self.refused = 0
+
+    @property
+    def late(self) -> int:
+        """Answers that did not come in time, of the service and of the relay."""
+        return self._counted("late")
+
+    @property
+    def lost(self) -> int:
+        """Connections that were lost, or could not be made."""
+        return self._counted("lost")
+
+    @property
+    def refused(self) -> int:
+        """Answers that could not be used, and refusals."""
+        return self._counted("refused")
+
+    def _counted(self, name: str) -> int:
+        relay = 0 if self._relay is None else getattr(self._relay.stream, name)
+        return getattr(self._service, name) + relay
+
+    @property
+    def relay_stands(self) -> bool:
+        """Whether the relay said in the last call that it sends zero, until it is told otherwise.
+
+        It is false without a relay, and if the relay did not answer.
+        """
+        return self._relay is not None and self._relay.known and self._relay.stands
+
+    @property
+    def relay_twist(self) -> np.ndarray | None:
+        """The twist (6,) that the relay sent when it was asked in the last call [m/s, rad/s].
+
+        It is None without a relay, and if the relay did not answer.
+        """
+        return self._relay.twist.copy() if self._relay is not None and self._relay.known else None
 
     @property
     def waits(self) -> bool:
@@ -294,8 +214,8 @@ class Client:
     def stop(self) -> np.ndarray:
         """Return the twists that are left of the stop of the last answer (k, 6), one per period."""
         twists = []
-        for number in range(self._followed + 1, self._followed + 100_000):
-            twists.append(self._stop_twist(number * self._dt_of_answer))
+        for number in range(1, 100_000):
+            twists.append(self._plan.at((self._followed + number) * self._dt_of_answer))
             if not twists[-1].any():
                 break
         return np.array(twists)
@@ -303,18 +223,27 @@ class Client:
     def reset(self, twist: Any = None) -> None:
         """Report what the robot does, and begin anew with the next step.
 
+        The stop of before is dropped. Until the service has answered, the twists of `step` are zero
+        for a robot that stands. For one that moves they are a straight line from the measured twist
+        to zero, and the service takes over what this line has come to.
+
         Args:
             twist: measured twist (6,) of a robot that moves [m/s, rad/s]. None: it stands.
 
         Raises:
             InputError: if `twist` is not six finite numbers.
         """
+        self._called = -np.inf
         if twist is None:
-            self._begin = int(Flag.stands)
+            begin, moves = int(Flag.stands), np.zeros(6)
         else:
-            self._start_twist[:] = read_array("twist", twist, (6,), "6 finite numbers")
-            self._begin = _TAKES_OVER
+            begin, moves = _TAKES_OVER, read_array("twist", twist, (6,), "6 finite numbers")
+            # From here on its time counts. A robot that stands may do so for any time.
+            self._called = time.perf_counter()
+        self._plan = ramp(moves, self._acceleration, self.dt)
+        self._begin, self._followed, self._dt_of_answer = begin, 0.0, self.dt
         self._session = self._again = self._hold = 0
+        self._pending = None
 
     def hold(self) -> None:
         """Bring the object to rest and keep it there until `try_again` or `reset`."""
@@ -343,8 +272,12 @@ class Client:
             self._place = int(Flag.guide)
 
     def close(self) -> None:
-        """Give the loop free; the robot has to be at rest."""
-        self._disconnect()
+        """Give the loop and the relay free; the robot has to be at rest."""
+        self._service.close()
+        if self._relay is not None:
+            self._relay.stream.close()
+        self._forget()
+        self._why = f"the client was closed: {_ASK}"
 
     def __enter__(self) -> Client:
         """Return the client."""
@@ -357,24 +290,34 @@ class Client:
     def _ask(self, start: float, bits: int, dt: float, age: float) -> ClientStep:
         """Exchange a request for an answer, or go on with the stop."""
         gap, self._called = start - self._called, start
-        if gap > self._longest and self._session:
-            self._session = self._begin = 0
-            self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
+        service, relay, longest = self._service, self._relay, self._longest
+        period = dt if SHORTEST_DT <= dt <= longest else self.description["dt"]
+        if gap > longest and relay is None:
+            self._pass(gap)
         # The usual case first: nothing is wrong.
-        usual = self._session and self._socket is not None and not self._outstanding
-        if not ((usual or self._ready()) and self._exchange(start, bits, dt, age)):
-            self._followed += 1
-            twist = self._stop_twist(self._followed * self._dt_of_answer)
+        if self._session and service.socket is not None and not service.outstanding and not relay:
+            fresh = self._exchange(start, bits, dt, age)
+        else:
+            fresh = self._ready(start) and self._exchange(start, bits, dt, age)
+            if fresh and relay is not None:
+                fresh = self._hand_over(relay, start, period)
+        if fresh and relay is None and (passed := time.perf_counter() - start) > longest:
+            fresh = not self._pass(gap + passed)
+        if not fresh:
+            if period == self._dt_of_answer:
+                self._followed += 1.0
+            else:
+                self._followed += period / self._dt_of_answer
+            twist = self._plan.at(self._followed * self._dt_of_answer)
             return ClientStep(twist, "braking", self._why, False, start, self._kept, self._names)
+        _, _, _, session, sequence, _, drawn, status, _, reason, _, _, _, _, computed = self._head
+        self._adopt(session, sequence, period)
+        self._again = 0
         kept = self._kept
-        _, drawn, status, _, reason, _, _, _, knots, computed = _REST.unpack_from(
-            kept.view, HEAD.size
-        )
-        self._knots = knots
         text = self._words(reason) if reason else ""
         return ClientStep(
             kept.twist.copy(),
-            _STATUSES[status],
+            STATUSES[status],
             text,
             True,
             start,
@@ -384,6 +327,34 @@ class Client:
             drawn,
         )
 
+    def _pass(self, gap: float) -> bool:
+        """Go along the stop by the time between two twists, and lose the session.
+
+        A robot that has a timeout slowed down meanwhile. It must not be sent its old speed again.
+        Returns whether the robot moved, as far as is known.
+        """
+        moves = self._session != 0 or self._begin == _TAKES_OVER
+        if moves:
+            self._forget()
+            self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
+            periods = self._followed + max(0.0, gap / self._dt_of_answer - 1.0)
+            self._followed = min(periods, _MOST)
+        return moves
+
+    def _forget(self) -> None:
+        """Lose the session: from now on the service does not know what the robot does."""
+        self._session = self._begin = 0
+
+    def _periods(self) -> int:
+        """Return how many periods of the stop were executed."""
+        return int(min(self._followed, _MOST) + 0.5)
+
+    def _adopt(self, session: int, sequence: int, period: float) -> None:
+        """Take over the answer that was received: from now on it is executed."""
+        self._kept, self._next = self._next, self._kept
+        self._plan, self._session, self._acted = self._kept, session, sequence
+        self._followed, self._begin, self._dt_of_answer = 0.0, 0, period
+
     def _words(self, reason: int) -> str:
         """Return the reason of the answer in words."""
         if self._explain:
@@ -392,40 +363,29 @@ class Client:
                 return text.decode(errors="replace")
         return self._reasons.get(reason, "")
 
-    def _stop_twist(self, seconds: float) -> np.ndarray:
-        """Return the twist of the stop at a time from the answer's own twist on."""
-        times, stop = self._kept.times[: self._knots], self._kept.stop
-        later = int(np.searchsorted(times, seconds * (1 - 1e-12)))
-        if later == self._knots:
-            return np.zeros(6)
-        if times[later] <= seconds * (1 + 1e-12):
-            return stop[later].copy()
-        before, old = (times[later - 1], stop[later - 1]) if later else (0.0, self._kept.twist)
-        return old + (stop[later] - old) * ((seconds - before) / (times[later] - before))
-
-    def _ready(self) -> bool:
-        """Connect, and drop an answer that came too late; return whether a request can be sent."""
+    def _ready(self, start: float) -> bool:
+        """Ask the relay, connect, and drop what came too late; return whether a request can go."""
+        if self._relay is not None and not self._continue_from(self._relay, start):
+            return False
         if not self._session and not self._begin:
             return False
-        if self._socket is None and not self._connect():
-            self.lost += 1
-            self._why = f"service: nobody answers at {self._path!r}"
-            return False
-        if self._outstanding:
-            self._receive(0.0)
-            if self._outstanding:
-                self.late += 1
-                self._why = "service: no answer in time"
-                return False
-        return self._socket is not None
+        service = self._service
+        # An answer that comes now is too late: something else was executed meanwhile.
+        if service.connect() and (
+            not service.outstanding or service.receive(self._next.view, until=0.0)
+        ):
+            return True
+        self._why = service.why
+        return False
 
     def _exchange(self, start: float, bits: int, dt: float, age: float) -> bool:
         """Send a request; return whether its answer is a step that came in time."""
         self._sequence += 1
         begins = 0 if self._session else self._begin
         if begins == _TAKES_OVER:
+            # Since it was measured the robot has been sent what this client gave for it.
             bits |= _TWIST
-            self._given["twist"][:] = self._start_twist
+            self._given["twist"][:] = self._plan.at(self._followed * self._dt_of_answer)
         REQUEST_HEAD.pack_into(
             self._request,
             0,
@@ -436,126 +396,90 @@ class Client:
             self._sequence,
             0 if begins else self._acted,
             self._digest,
-            0 if begins else self._followed,
+            0 if begins or not self._followed else self._periods(),
             bits | begins | self._hold | self._again | self._place | self._explain,
             self._n,
             0,
             age,
             dt,
         )
-        connection = self._socket
-        try:
-            if connection is None or connection.send(self._request, _QUIET) != len(self._request):
-                return self._lose()
-        except OSError:
-            return self._lose()
-        self._outstanding, self._got = self._sequence, 0
-        if not self._receive(start + self.timeout):
-            if self._outstanding:
-                self.late += 1
-                self._why = "service: no answer in time"
+        service, answer = self._service, self._next
+        if not service.send(self._request, self._sequence):
+            service.lose()
+            length = 0
+        else:
+            length = service.receive(answer.view, start + self.timeout)
+        if not length:
+            self._why = service.why
             return False
-        self._acted, self._followed, self._begin, self._dt_of_answer = self._sequence, 0, 0, dt
-        if self._again:
-            self._again = 0
-        return True
-
-    def _receive(self, until: float) -> bool:
-        """Read the answer to the outstanding request.
-
-        Args:
-            until: when to give up. One that is read when this is over is dropped: it is late.
-
-        Returns:
-            Whether it is a step, which is executed from now on.
-        """
-        answer = self._next
-        while True:
-            left = until - time.perf_counter()
-            if not self._arrives(left if left > 0.0 else 0.0):
-                return False
-            try:
-                count = self._socket.recv_into(answer.view[self._got :]) if self._socket else 0
-            except BlockingIOError:
-                continue
-            except OSError:
-                count = 0
-            if not count:
-                return self._lose()
-            self._got += count
-            if self._got < HEAD.size:
-                continue
-            length, version, kind, session, sequence = HEAD.unpack_from(answer.view)
-            if not ANSWER_HEAD.size <= length <= self._length or version != VERSION:
-                self.refused += 1
-                return self._lose()
-            if self._got < length:
-                continue
-            if self._got > length or sequence != self._outstanding:
-                self.refused += 1
-                return self._lose()
-            self._outstanding = self._got = 0
-            if not until:
-                return False
-            if kind == _TOLD and length == self._length and answer.usable:
-                self._session = session
-                self._kept, self._next = answer, self._kept
-                return True
+        self._head = _, _, kind, _, _, _, _, _, _, _, _, _, _, knots, _ = ANSWER_HEAD.unpack_from(
+            answer.view
+        )
+        if kind != _TOLD or length != len(answer.view):
             self._not_done(kind, bytes(answer.view[ANSWER_HEAD.size : length]))
             return False
-
-    def _arrives(self, seconds: float) -> bool:
-        """Wait for bytes, or the end of the connection."""
-        if self._socket is None:
+        if wrong := answer.wrong(knots, self._kept):
+            service.refused += 1
+            self._why = f"service: an answer {wrong}"
             return False
-        number = self._socket.fileno()
-        if number < _SELECTED:  # this waits to the microsecond, and the other to the millisecond
-            return bool(select.select((number,), (), (), seconds)[0])
-        poll = select.poll()
-        poll.register(number, select.POLLIN)
-        return bool(poll.poll(1e3 * seconds))
+        return True
 
     def _not_done(self, kind: int, text: bytes) -> None:
         """Note why the service did not carry out a request."""
-        self.refused += 1
+        self._service.refused += 1
         if kind == _TOLD:
-            self._why = "service: the answer holds twists that are no numbers"
+            self._why = "service: an answer of another length"
             return
         self._why = "service: " + text.rstrip(b"\0").decode(errors="replace")
         if kind == Tell.unknown:
-            self._session, self._begin = 0, 0
+            self._forget()
             self._why += f": {_ASK}"
 
-    def _lose(self) -> bool:
-        """Close a connection that does not work any more; return False."""
-        self.lost += 1
-        self._why = "service: the connection was lost"
-        self._disconnect()
-        return False
-
-    def _disconnect(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket, self._outstanding, self._got = None, 0, 0
-
-    def _connect(self) -> bool:
-        """Connect without waiting; return whether it worked."""
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        connection.setblocking(False)
-        try:
-            connection.connect(self._path)
-        except OSError:
-            connection.close()
+    def _continue_from(self, relay: RelayLink, start: float) -> bool:
+        """Ask the relay what it executes, and continue from that; return whether it said so."""
+        if not relay.ask(start + self.timeout):
+            self._why = relay.stream.why
             return False
-        self._socket = connection
+        executed, pending = (relay.session, relay.sequence), self._pending
+        self._pending = None
+        if pending is not None and executed == pending[:2]:
+            # It did get the last answer. Its twist lasts for the first of the periods that have
+            # begun.
+            self._adopt(*pending)
+            self._followed = max(0.0, relay.begun - 1.0)
+        elif self._session and executed != (self._session, self._acted):
+            self._forget()
+            self._why = f"relay: it does not execute what was sent to it: {_ASK}"
+        elif self._session and abs(relay.begun - self._periods()) > 1:
+            # This program did not run for some time, or runs at another pace.
+            self._followed = float(relay.begun)
         return True
+
+    def _hand_over(self, relay: RelayLink, start: float, period: float) -> bool:
+        """Give the answer that was received to the relay; return whether it is executed."""
+        base, continued, moves = Base.continues, (self._acted, self._periods()), self._plan.twist
+        if not self._session:
+            continued, base = (0, 0), Base.rest
+            if self._begin == _TAKES_OVER:
+                base = Base.motion
+                moves = self._plan.at(self._followed * self._dt_of_answer)
+        executed = self._head[3], self._sequence
+        # Until it answers, nobody knows whether it executes this.
+        self._pending = (*executed, period)
+        until = start + self.timeout
+        kind = relay.execute(self._next, executed, base, continued, moves, period, until)
+        if kind:
+            self._pending = None
+        if kind != RelayTell.accepted:
+            self._why = relay.stream.why
+        return kind == RelayTell.accepted
 
     def _read_description(self) -> dict[str, Any]:
         """Return what the service says about the loop."""
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
                 connection.settimeout(_CONNECTING)
-                connection.connect(self._path)
+                connection.connect(self._service.path)
                 connection.sendall(HEAD.pack(HEAD.size, VERSION, Ask.describe, 0, 1))
                 frame = b""
                 while len(frame) < HEAD.size or len(frame) < HEAD.unpack_from(frame)[0] <= LONGEST:
@@ -564,13 +488,23 @@ class Client:
                     frame += more
         except OSError:
             raise ServiceError(
-                f"service: nobody answers at {self._path!r}; start `ergoqp serve`"
+                f"service: nobody answers at {self._service.path!r}; start `ergoqp serve`"
             ) from None
         kind = HEAD.unpack_from(frame)[2] if len(frame) > ANSWER_HEAD.size else 0
         text = frame[ANSWER_HEAD.size :].rstrip(b"\0").decode(errors="replace")
         if kind != Tell.described:
-            raise ServiceError(f"service: {self._path!r} did not describe its loop: {text or 'no'}")
+            raise ServiceError(
+                f"service: {self._service.path!r} did not describe its loop: {text or 'no'}"
+            )
         return json.loads(text)
+
+
+def _path_of(address: str | Path) -> Path:
+    """Return the path of a socket; a bare name is in the service's usual folder."""
+    path = Path(address)
+    if path.suffix != ".sock" and len(path.parts) == 1:
+        return socket_path(default_folder(), str(address))
+    return path
 
 
 def _put(target: np.ndarray, value: Any, shape: tuple[int, ...]) -> None:

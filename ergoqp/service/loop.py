@@ -181,7 +181,7 @@ class Loop:
             if wrong := self._begin(request, bits):
                 return note(Tell.refused, sequence, wrong, self.session)
             marks |= Mark.begun
-        elif session != self.session or not session or acted not in self._kept:
+        elif session != self.session or acted not in self._kept:
             return note(Tell.unknown, sequence, _UNKNOWN, self.session)
         elif sequence <= self._sequence:
             wrong = f"sequence: got {sequence} again, allowed a number above {self._sequence}"
@@ -332,8 +332,7 @@ class Loop:
         self._kept, self._sequence, self.moved = kept, sequence, not stepper.still
         if self.direct:
             assert self._packing is not None
-            said = self._bits & _HOLD or self.unrecorded
-            self._packing.arm(None if said else stepper.usual, state, self.session, sequence)
+            self._packing.arm(stepper.usual, state, self.session, sequence)
 
     def disarm(self) -> None:
         """Answer the next request in Python, whatever it is."""

@@ -111,6 +111,11 @@ class Replayed:
         loops: outcome by name of the loop.
         exact: whether the answers were compared bit for bit, and not within `TOLERANCE`.
         notes: what else is to be known, one sentence each.
+
+    Example:
+        >>> from ergoqp.service.replayed import Replayed
+        >>> Replayed().steps  # those of a record: replay_record(path).steps
+        0
     """
 
     loops: dict[str, ReplayedLoop] = field(default_factory=dict)

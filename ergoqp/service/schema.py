@@ -230,7 +230,13 @@ def answer_frame(coordinates: int, rows: int) -> Frame:
 
 
 def schema() -> dict[str, Any]:
-    """Return the description of all frames: numbers, texts and lists alone, ready for JSON."""
+    """Return the description of all frames: numbers, texts and lists alone, ready for JSON.
+
+    Example:
+        >>> from ergoqp.service.schema import schema
+        >>> schema()["version"], schema()["request"][0]["name"]
+        (1, 'length')
+    """
 
     def listed(fields: tuple[Field, ...]) -> list[dict[str, Any]]:
         return [dict(vars(field)) for field in fields]

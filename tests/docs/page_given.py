@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,12 +55,41 @@ def _robot() -> dict[str, Any]:
         is_running=running,
         object_pose=lambda: None,
         object_twist=lambda: np.zeros(6),
+        stands=lambda: True,
         send=lambda twist: None,
         wait=lambda: None,
         is_late=lambda: next(late),
     )
     camera = SimpleNamespace(latest=lambda: SimpleNamespace(posture=posture, age=0.01))
     return {"robot": robot, "camera": camera, "log": lambda *said: None}
+
+
+def _service() -> dict[str, Any]:
+    """A service in the usual folder, which is here, and what a loop has besides."""
+    command = [sys.executable, "-m", "ergoqp", "serve", "screwing", "--interpreted"]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    atexit.register(lambda: (process.terminate(), process.wait()))
+    until = time.monotonic() + 60
+    while True:
+        try:
+            ergoqp.Client("screwing").close()
+            return _robot()
+        except ergoqp.errors.ErgoqpError:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+
+def _relay() -> dict[str, Any]:
+    """A relay in the usual folder, and a robot that has not moved yet."""
+    command = [sys.executable, "-m", "ergoqp", "relay"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    atexit.register(lambda: (process.terminate(), process.wait()))
+    until = time.monotonic() + 60
+    with ergoqp.Client("screwing", relay="relay", timeout=1.0) as client:
+        while not (client.step(None), client.relay_stands)[1]:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+    return _robot()
 
 
 def _posture() -> dict[str, Any]:
@@ -119,6 +150,8 @@ GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "take": _take,
     "trial": _trial,
     "robot": _robot,
+    "service": _service,
+    "relay": _relay,
     "posture": _posture,
     "patient": _patient,
     "run": _run,

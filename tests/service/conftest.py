@@ -20,3 +20,14 @@ def service() -> Iterator[Running]:
     ):
         found.client().close()
         yield found
+
+
+@pytest.fixture(scope="session")
+def compiled_service() -> Iterator[Running]:
+    """A service with two compiled loops of one worker; a test leaves them at rest."""
+    with (
+        tempfile.TemporaryDirectory(prefix="eqp") as folder,
+        running(Path(folder) / "s", "screwing", "--compiled", "--loops", "2") as found,
+    ):
+        found.client("screwing.0").close()
+        yield found

@@ -14,11 +14,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from puppet import Fake, step_answer
 from service_running import Running, running
 
 import ergoqp
 from ergoqp.service.client import Client, ClientStep, ServiceError
-from ergoqp.service.schema import ANSWER_HEAD, HEAD, REQUEST_HEAD, Tell, answer_frame, note
+from ergoqp.service.schema import (
+    ANSWER_HEAD,
+    HEAD,
+    REQUEST_HEAD,
+    Flag,
+    Tell,
+    answer_frame,
+    note,
+    request_frame,
+)
 from ergoqp.step.stepper import Stepper
 
 PROBLEM = ergoqp.load_problem("screwing")
@@ -225,7 +235,7 @@ def lying(path: Path, answer: Callable[[bytes], bytes | None], client: Client) -
     thread = threading.Thread(target=serve)
     thread.start()
     client.close()
-    client._path = str(path)
+    client._service.path = str(path)
     try:
         yield
     finally:
@@ -320,7 +330,7 @@ def test_a_late_answer_is_never_taken_for_the_next(service: Running, tmp_path: P
         late = client.step(START)
         assert not late.fresh
         assert client.late == 1
-        assert client._outstanding == 2
+        assert client._service.outstanding == 2
         np.testing.assert_array_equal(late.twist, 0.0)  # the only knot of its stop
         time.sleep(0.4)
         step = client.step(START)
@@ -329,3 +339,246 @@ def test_a_late_answer_is_never_taken_for_the_next(service: Running, tmp_path: P
         said = REQUEST_HEAD.unpack_from(client._request)
         assert (said[5], said[7]) == (1, 1)  # it acted on the first answer, and one period more
     client.close()
+
+
+# ------------------------------------------------------------------------------ what is executed
+
+
+def told(asked: bytes, **more: Any) -> bytes:
+    """An answer that the client takes: a twist, and a stop of equal steps."""
+    return bytes(step_answer(asked, rows=len(PROBLEM.row_names), **more))
+
+
+def said(asked: bytes) -> tuple[int, int, int, int]:
+    """Session, sequence, acted and followed of a request."""
+    head = REQUEST_HEAD.unpack_from(asked)
+    return (*head[3:6], head[7])
+
+
+@pytest.fixture
+def fake(tmp_path: Path) -> Iterator[Fake]:
+    """A server whose stop has ten knots."""
+    found = Fake(tmp_path / "f", lambda asked: told(asked, knots=10))
+    yield found
+    found.end()
+
+
+@pytest.fixture
+def faked(service: Running, fake: Fake) -> Iterator[Client]:
+    """A client of it, for which no pause is long."""
+    with service.client() as found:
+        found._service.path, found._longest = str(fake.path), 60.0
+        yield found
+
+
+def test_reset_drops_the_stop(fake: Fake, faked: Client) -> None:
+    faked.reset()
+    assert faked.step(START).fresh
+    assert len(faked.stop()) == 10
+    fake.answer = lambda asked: None
+    assert faked.step(START).twist.any()
+    faked.reset()  # the robot stands: no stop of before may move it
+    for _ in range(2):
+        assert not faked.step(START).twist.any()
+        assert not faked.stop().any()
+
+
+def test_a_motion_that_is_taken_over_ramps_down_until_it_is_answered(
+    fake: Fake, faked: Client
+) -> None:
+    fake.answer = lambda asked: None
+    limit = np.array(faked.description["acceleration"])
+    twist = limit * 0.04 * [-1, 0.5, 0, 0, 0.25, 0]
+    faked.reset(twist)
+    np.testing.assert_allclose(faked.stop()[:, 0], twist[0] * np.array([0.75, 0.5, 0.25, 0]))
+    for share in (0.75, 0.5, 0.25, 0.0, 0.0):
+        np.testing.assert_allclose(faked.step(START).twist, share * twist, atol=1e-15)
+    # Every request says what the robot was sent meanwhile.
+    layout = request_frame(32)
+    sent = [layout.numbers(each, "twist")[0] / twist[0] for each in fake.requests]
+    np.testing.assert_allclose(sent, [1.0, 0.75, 0.5, 0.25, 0.0], atol=1e-12)
+    taken = Flag.takes_over | Flag.twist
+    assert all(REQUEST_HEAD.unpack_from(each)[8] & taken == taken for each in fake.requests)
+    # The service takes over in the middle of the ramp.
+    faked.reset(twist)
+    assert not faked.step(START).fresh
+    fake.answer = lambda asked: told(asked, twist=0.75 * twist)
+    step = faked.step(START, twist=twist)
+    assert step.fresh
+    np.testing.assert_allclose(layout.numbers(fake.requests[-1], "twist"), 0.75 * twist)
+    # A small motion is at rest within one period, and so is an axis that has no limit.
+    fake.answer = lambda asked: None
+    faked._acceleration[1] = 0.0
+    faked.reset([0, 0.001, 0, 0, 0, 0])
+    assert not faked.step(START).twist.any()
+
+
+def test_a_motion_that_was_measured_long_ago_is_not_taken_over(fake: Fake, faked: Client) -> None:
+    twist = np.array(faked.description["acceleration"]) * 0.2
+    faked._longest = 0.05
+    faked.reset(twist)
+    time.sleep(0.1)
+    step = faked.step(START)
+    assert "passed between two calls" in step.reason
+    assert not step.fresh
+    assert faked.waits
+    assert not fake.requests
+    assert 0 < step.twist[0] <= 0.51 * twist[0]
+    # Standing has no time.
+    faked.reset()
+    time.sleep(0.1)
+    assert faked.step(START).fresh
+
+
+def test_after_a_pause_the_stop_has_gone_on(fake: Fake, faked: Client) -> None:
+    fake.answer = lambda asked: told(asked, knots=50, dt=0.02)
+    faked._longest = 0.2
+    faked.reset()
+    assert faked.step(START).fresh
+    time.sleep(0.4)
+    step = faked.step(START)
+    passed = float(step.reason.split()[0])  # two decimals of it are said
+    assert "passed between two calls" in step.reason
+    np.testing.assert_allclose(step.twist, 0.1 * (1 - passed), atol=0.0006)
+    following = faked.step(START)
+    np.testing.assert_allclose(following.twist, step.twist - 0.001)
+    assert faked.waits
+    assert len(fake.requests) == 1
+    # A period that was executed before counts once.
+    faked.reset()
+    assert faked.step(START).fresh
+    fake.answer = lambda asked: None
+    for _ in range(10):
+        faked.step(START)
+    time.sleep(0.3)
+    step = faked.step(START)
+    passed = float(step.reason.split()[0])
+    np.testing.assert_allclose(step.twist, 0.1 * (0.9 - passed), atol=0.0006)
+
+
+def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, faked: Client) -> None:
+    faked._longest, faked.timeout = 0.1, 2.0
+
+    def slow(asked: bytes) -> bytes:
+        time.sleep(0.15)
+        return told(asked, knots=50, dt=0.02)
+
+    fake.answer = slow
+    faked.reset()
+    assert faked.step(START).fresh  # it stood meanwhile
+    faked._called = time.perf_counter()
+    step = faked.step(START)
+    assert not step.fresh
+    assert "passed between two calls" in step.reason
+    assert 0.07 < step.twist[0] < 0.0851
+    assert faked.waits
+
+
+@pytest.mark.parametrize(
+    ("periods", "shares", "followed"),
+    [
+        ((1, 1, 1), (0.9, 0.8, 0.7), (1, 2, 3)),
+        ((2, 2, 1), (0.8, 0.6, 0.5), (2, 4, 5)),
+        ((0.5, 0.5, 0.5), (0.95, 0.9, 0.85), (1, 1, 2)),
+        ((0.25, 1.5, 1.5), (0.975, 0.825, 0.675), (0, 2, 3)),
+        ((np.nan, -1, np.inf), (0.9, 0.8, 0.7), (1, 2, 3)),
+    ],
+)
+def test_the_stop_is_followed_in_its_own_periods(
+    fake: Fake,
+    faked: Client,
+    periods: tuple[float, ...],
+    shares: tuple[float, ...],
+    followed: tuple[int, ...],
+) -> None:
+    usual = fake.answer
+    for count in range(1, len(periods) + 1):
+        faked.reset()
+        assert faked.step(START).fresh
+        fake.answer = lambda asked: None
+        for period, share in zip(periods[:count], shares, strict=False):
+            step = faked.step(START, dt=0.01 * period)
+            np.testing.assert_allclose(step.twist, 0.1 * share, atol=1e-15)
+        fake.answer = usual
+        acted = faked._acted
+        assert faked.step(START).fresh
+        assert said(fake.requests[-1])[2:] == (acted, followed[count - 1])
+
+
+def test_a_stop_has_the_periods_of_its_own_step(fake: Fake, faked: Client) -> None:
+    for dt, lasts in ((0.02, 0.02), (0.005, 0.005), (np.nan, 0.01), ("x", 0.01), (1e9, 0.01)):
+        faked.reset()
+        fake.answer = lambda asked, lasts=lasts: told(asked, knots=10, dt=lasts)
+        step = faked.step(START, dt=dt)  # type: ignore[arg-type]
+        assert step.fresh
+        np.testing.assert_allclose(faked.stop()[:, 0], 0.1 * np.arange(9, -1, -1) / 10, atol=1e-15)
+        fake.answer = lambda asked: None
+        step = faked.step(START, dt=0.01)
+        np.testing.assert_allclose(step.twist, 0.1 * (1 - 0.001 / lasts), atol=1e-15)
+
+
+def odd_version(asked: bytes) -> bytes:
+    frame = bytearray(told(asked))
+    frame[4] = 9
+    return bytes(frame)
+
+
+WRONG: list[tuple[Callable[[bytes], bytes], str]] = [
+    (lambda a: told(a, knots=65), "of 65 knots, allowed 64"),
+    (lambda a: told(a, times=-0.01), "with a stop whose times do not grow"),
+    (lambda a: told(a, times=0.0), "with a stop whose times do not grow"),
+    (lambda a: told(a, times=0.02), "with a stop whose times do not grow"),
+    (lambda a: told(a, times=np.nan), "with twists that are no numbers"),
+    (lambda a: told(a, stop=np.inf), "with twists that are no numbers"),
+    (lambda a: told(a, posture_rate=np.nan), "with twists that are no numbers"),
+    (odd_version, "of version 9, allowed 1"),
+    (lambda a: HEAD.pack(24, 1, Tell.step, 77, HEAD.unpack_from(a)[4]), "of another length"),
+    (lambda a: bytes(step_answer(a, rows=3)), "of another length"),
+    (lambda a: bytes(step_answer(a, rows=200)), "that is too long"),
+]
+
+
+@pytest.mark.parametrize(("lie", "words"), WRONG)
+def test_an_answer_that_cannot_be_executed_is_refused_by_name(
+    fake: Fake, faked: Client, lie: Callable[[bytes], bytes], words: str
+) -> None:
+    faked.reset()
+    assert faked.step(START).fresh
+    fake.answer = lie
+    for share in (0.9, 0.8):
+        step = faked.step(START)
+        assert step.reason == f"service: an answer {words}"
+        np.testing.assert_allclose(step.twist, 0.1 * share)
+    assert faked.refused == 2
+    # Shorter stops of the same times, and stops of others, are taken.
+    for knots, dt in ((10, 0.01), (4, 0.01), (20, 0.01), (64, 0.01), (64, 0.007), (0, 0.01)):
+        fake.answer = lambda asked, knots=knots, dt=dt: told(asked, knots=knots, dt=dt)
+        step = faked.step(START)
+        assert step.fresh, step.reason
+    assert not faked.stop().any()
+
+
+def test_times_that_grow_no_longer_behind_the_last_knots_are_seen(
+    fake: Fake, faked: Client
+) -> None:
+    def answer(asked: bytes, knots: int) -> bytes:
+        frame = step_answer(asked, rows=len(PROBLEM.row_names), knots=knots)
+        answer_frame(32, len(PROBLEM.row_names)).numbers(frame, "times")[:] = [
+            *(0.01, 0.02, 0.03, 0.03),
+            *(60 * [0.0]),
+        ]
+        return bytes(frame)
+
+    faked.reset()
+    for knots, fresh in ((3, True), (2, True), (3, True), (4, False), (3, True), (5, False)):
+        fake.answer = lambda asked, knots=knots: answer(asked, knots)
+        assert faked.step(START).fresh == fresh, knots
+
+
+def test_a_client_that_was_closed_waits(fake: Fake, faked: Client) -> None:
+    faked.reset()
+    assert faked.step(START).fresh
+    faked.close()
+    assert faked.waits
+    assert not faked.step(START).fresh
+    assert len(fake.requests) == 1

@@ -295,6 +295,9 @@ def test_a_stop_of_very_short_periods_does_not_hold_up_the_other_loops(talk: Tal
     answer = talk.ask(START, USUAL, acted=acted, followed=30_000)
     assert answer.kind == Tell.unknown
     assert "30000 periods" in answer.text
+    # Nothing was braked: who knows better goes on from the answer.
+    again = talk.ask(START, USUAL, acted=acted, dt=1e-5)
+    np.testing.assert_allclose(again.twist, 0.19, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -385,7 +388,8 @@ def test_both_ways_of_packing_give_the_same_bytes(
     for number in range(240):
         bits = int(USUAL) | (int(rng.integers(0, 16)) if number else 0)
         bits |= int(Flag.explain) * (number % 3 == 0) | int(Flag.hold) * (number % 30 > 24)
-        bits |= int(Flag.try_again) * (number % 30 == 0)
+        bits |= int(Flag.try_again) * (number % 30 == 0) | int(Flag.brake) * (number % 23 == 9)
+        bits |= int(Flag.stands) * (number % 50 == 35)
         given = {
             "posture": START + 0.005 * rng.standard_normal(32),
             "pose": np.eye(4) if number % 17 == 3 else pose,
@@ -413,6 +417,7 @@ def test_both_ways_of_packing_give_the_same_bytes(
         np.testing.assert_array_equal(one.loop.stepper.state(), other.loop.stepper.state())
         np.testing.assert_array_equal(one.loop.before, other.loop.before)
         assert one.loop.turned == other.loop.turned
+        assert (first.marks & Mark.begun != 0) == (number % 40 == 0 or number % 50 == 35)
         acted, pose, sent = first.sequence, first.pose.reshape(4, 4), first.twist
         knots.add(first.knots)
     assert max(knots) > 30

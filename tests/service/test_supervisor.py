@@ -1,0 +1,282 @@
+"""The processes of the service: who ends with whom, who is replaced, whose sockets these are."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from service_running import Running, running
+
+import ergoqp
+from ergoqp.cli.main import execute
+from ergoqp.errors import InputError
+from ergoqp.service import supervisor as module
+from ergoqp.service.folder import private_folder, socket_path
+from ergoqp.service.served import served
+from ergoqp.service.supervisor import Job, Supervisor
+
+START = np.array(ergoqp.load_problem("screwing").response.comfort)
+
+
+@pytest.fixture
+def own() -> Iterator[Running]:
+    with (
+        tempfile.TemporaryDirectory(prefix="eqp") as folder,
+        running(Path(folder) / "s", "screwing", "--interpreted") as found,
+    ):
+        yield found
+
+
+def lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_for(condition, seconds: float = 20.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_replaced_at_the_same_socket(own: Running) -> None:
+    client = own.client(timeout=2.0)
+    client.reset()
+    assert client.step(START).fresh
+    old = client.description["health"]["pid"]
+    os.kill(old, signal.SIGKILL)
+    wait_for(lambda: own.worker() != old)
+    assert "ended after" in own.log.read_text()
+    assert "by signal 9, and is started again" in own.log.read_text()
+    client.reset()
+    client.step(START)  # it finds that the connection is lost
+    client.reset()
+    wait_for(lambda: client.step(START).fresh)
+    client.close()
+
+
+@pytest.mark.slow
+def test_a_stopped_supervisor_does_not_touch_the_loops_and_a_killed_one_ends_them(
+    own: Running,
+) -> None:
+    client = own.client(timeout=2.0)
+    worker = client.description["health"]["pid"]
+    client.reset()
+    os.kill(own.process.pid, signal.SIGSTOP)
+    for _ in range(50):
+        assert client.step(START).fresh
+    os.kill(own.process.pid, signal.SIGCONT)
+    own.process.kill()
+    own.process.wait(20)
+    wait_for(lambda: not lives(worker))
+    assert not client.step(START).fresh
+    client.close()
+    # Another one takes the same folder, whose sockets and locks were left behind.
+    with running(own.folder, "screwing", "--interpreted") as again:
+        found = again.client(timeout=2.0)
+        found.reset()
+        assert found.step(START).fresh
+        found.close()
+
+
+@pytest.mark.slow
+def test_a_folder_has_each_loop_once(own: Running, capsys: pytest.CaptureFixture[str]) -> None:
+    own.client().close()
+    told = subprocess.run(
+        [sys.executable, "-m", "ergoqp", "serve", "screwing", "--dir", str(own.folder)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert told.returncode == 2
+    assert f"loop screwing: served by process {own.process.pid} in" in told.stderr
+    assert own.client().description["loop"] == "screwing"
+
+
+@pytest.mark.slow
+def test_sockets_are_for_their_user_alone(own: Running) -> None:
+    own.client().close()
+    assert os.stat(own.folder).st_mode & 0o777 == 0o700
+    for path in own.folder.iterdir():
+        if path.name != "log":
+            assert path.stat().st_mode & 0o177 == 0, path
+
+
+def test_a_folder_that_others_can_enter_is_refused(tmp_path: Path) -> None:
+    for mode in (0o755, 0o710, 0o701, 0o720):
+        folder = tmp_path / f"{mode:o}"
+        folder.mkdir()
+        folder.chmod(mode)
+        with pytest.raises(InputError, match="allowed a folder of this user that nobody else"):
+            private_folder(folder)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="--dir"):
+        private_folder(tmp_path / "file")
+    real = tmp_path / "real"
+    real.mkdir(mode=0o700)
+    (tmp_path / "link").symlink_to(real)
+    with pytest.raises(InputError, match="--dir"):
+        private_folder(tmp_path / "link")
+    made = private_folder(tmp_path / "new" / "s")
+    assert made.stat().st_mode & 0o777 == 0o700
+    with pytest.raises(InputError, match="longer than 107 bytes"):
+        socket_path(tmp_path / ("x" * 100), "screwing")
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a folder away")
+def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "theirs"
+    folder.mkdir(mode=0o700)
+    os.chown(folder, 12345, 12345)
+    with pytest.raises(InputError, match="allowed a folder of this user"):
+        private_folder(folder)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
+@pytest.mark.slow
+def test_another_user_is_not_answered() -> None:
+    """The service of a user refuses another one, even where the modes of the files let them in."""
+    with (
+        tempfile.TemporaryDirectory(prefix="eqp") as folder,
+        running(Path(folder) / "s", "screwing", "--interpreted") as found,
+    ):
+        found.client().close()
+        path = found.socket()
+        for each in (Path(folder), found.folder, path):
+            each.chmod(0o777)
+        script = (
+            "import os, socket, sys; os.setuid(12345); s = socket.socket(socket.AF_UNIX);"
+            "s.settimeout(20); s.connect(sys.argv[1]); s.send(bytes.fromhex(sys.argv[2]))\n"
+            "try: told = s.recv(100)\n"
+            "except ConnectionResetError: told = b''\n"
+            "sys.exit(10 + (told == b''))"
+        )
+        asked = (24).to_bytes(4, "little") + b"\1\0\1\0" + bytes(16)
+        done = subprocess.run([sys.executable, "-c", script, str(path), asked.hex()], check=False)
+        assert done.returncode == 11
+
+
+def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "HANGS", 0.2)
+    killed = []
+    monkeypatch.setattr(module.os, "kill", lambda pid, number: killed.append((pid, number)))
+    found = Supervisor([served("screwing")], private_folder(tmp_path / "s"), 1)
+    try:
+        [job] = [each for each in found.jobs if each.worker is not None]
+        job.pid, job.began = 4242, time.monotonic()
+        found._replace_what_hangs()
+        assert not killed
+        time.sleep(0.15)
+        found._beats[0] = 7  # it went round its loop
+        found._replace_what_hangs()
+        time.sleep(0.15)
+        found._replace_what_hangs()
+        assert not killed
+        time.sleep(0.15)
+        found._replace_what_hangs()
+        assert killed == [(4242, signal.SIGKILL)]
+        job.pid = 0
+    finally:
+        found._end_all()
+
+
+def test_a_process_that_dies_at_once_is_started_again_ever_more_slowly() -> None:
+    waits = module._PATIENCE
+    assert waits[0] == 0.0
+    assert list(waits) == sorted(waits)
+    assert waits[-1] >= 1.0
+    assert Job("x", lambda: None).young == 0
+
+
+@pytest.mark.slow
+def test_the_compiled_step_is_taken_when_nobody_uses_the_loop() -> None:
+    with (
+        tempfile.TemporaryDirectory(prefix="eqp") as folder,
+        running(Path(folder) / "s", "screwing") as found,
+    ):
+        client = found.client(timeout=5.0)
+        assert client.description["engine"] == "interpreted"
+        client.reset()
+        until = time.monotonic() + 3
+        while time.monotonic() < until:
+            # While somebody commands the loop, its worker stays.
+            step = client.step(START)
+            if not step.fresh:
+                client.reset()
+        first = client.description["health"]["pid"]
+        assert found.worker() == first
+        client.hold()
+        for _ in range(100):
+            client.step(START)
+        client.close()
+
+        def is_compiled() -> bool:
+            with found.client() as other:
+                return other.description["engine"] == "compiled"
+
+        wait_for(is_compiled, 90)
+        with found.client(timeout=5.0) as other:
+            other.reset()
+            assert other.step(START).fresh
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "PROBLEM: got none, allowed one or more"),
+        (["nothing"], "problem: got 'nothing', allowed"),
+        (["screwing", "screwing"], "PROBLEM: got screwing twice"),
+        (["screwing", "--loops", "0"], "--loops: got 0, allowed 1 to 256"),
+        (["screwing", "--workers", "65"], "--workers: got 65, allowed 1 to 64"),
+        (["screwing", "--fifo", "100"], "--fifo: got 100, allowed 1 to 99"),
+        (["screwing", "--dt", "7"], "dt"),
+    ],
+)
+def test_mistakes_have_one_sentence(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute(["serve", *arguments]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+
+
+def test_garbage_ends_its_connection_and_nothing_else(service: Running) -> None:
+    with service.client() as client:
+        client.reset()
+        assert client.step(START).fresh
+        rng = np.random.default_rng(0)
+        for number in range(60):
+            with socket.socket(socket.AF_UNIX) as other:
+                other.settimeout(5)
+                other.connect(str(service.socket()))
+                kind = number % 4
+                if kind == 0:
+                    other.sendall(rng.bytes(int(rng.integers(1, 3000))))
+                elif kind == 1:
+                    other.sendall((1 << 30).to_bytes(4, "little") + b"\1\0\2\0" + bytes(16))
+                    assert b"frame: got 1073741824 bytes" in other.recv(1000)
+                elif kind == 2:
+                    other.sendall((896).to_bytes(4, "little") + b"\7\0\2\0" + bytes(16))
+                    assert b"version: got 7, allowed 1" in other.recv(1000)
+                else:
+                    other.sendall(bytes(10))  # and goes
+            step = client.step(START)
+            if not step.fresh:  # the machine was busy for longer than the robot may hold
+                assert client.waits
+                client.reset()
+        client.hold()
+        client.step(START)
