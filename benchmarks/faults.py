@@ -164,9 +164,10 @@ def _trial(kind: str, seed: int, folder: Path) -> Found:
         wait = float(rng.uniform(*FAULT))
         one.begin(mischief=0.3 + wait)
         time.sleep(max(0.0, one.moved + wait - time.monotonic()))
+        before = one.waited() if spec.group else {}
         fault = time.monotonic()
         over = spec.inject(one)
-        waited = _wait_for_motion(one, over) if spec.group else -1.0
+        waited = _wait_for_motion(one, over, before) if spec.group else -1.0
         time.sleep(max(0.0, over + spec.after - time.monotonic()))
     finally:
         one.end()
@@ -180,11 +181,11 @@ def _trial(kind: str, seed: int, folder: Path) -> Found:
     return found
 
 
-def _wait_for_motion(one: Trial, over: float) -> float:
+def _wait_for_motion(one: Trial, over: float, before: dict[int, float]) -> float:
     """Wait until the object moves again; return how long the machine kept the service waiting."""
     while time.monotonic() < over + _LONGEST_BACK and back(one.loop_rows(), over) == NEVER:
         time.sleep(0.02)
-    return one.waited()
+    return sum(seconds - before.get(pid, 0.0) for pid, seconds in one.waited().items())
 
 
 def _judge_records(found: Found, folder: Path) -> None:
