@@ -1,14 +1,17 @@
 /* A robot in a process of its own, with its own clock: w' = (gain s(t - delay) - w) / lag for the sent twist s.
  *
- * It takes datagrams (u64 number, f64 time, f64 twist[6]), writes its state into a file that others map, and a record of
- * every millisecond. If no twist comes for `hold` seconds, it ramps down along a straight line by itself.
+ * It takes datagrams (u64 number, f64 time, f64 twist[6]), writes its state into a file that others map, a record of
+ * every millisecond, and one of every twist. If no twist acts for `hold` seconds, it ramps down along a straight line by
+ * itself.
  *
- * Arguments: socket state record seconds delay lag gain hold acceleration pose[16]; hold < 0: it goes on for ever. */
+ * Arguments: socket state record twists seconds delay lag gain hold linear_acceleration angular_acceleration pose[16];
+ * hold < 0: it goes on for ever. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <sched.h>
+#include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -28,6 +31,18 @@ typedef struct {
     uint64_t number;
     double time, twist[6];
 } message;
+
+typedef struct {
+    message sent;
+    double acts; /* when it acts */
+} waiting;
+
+static volatile sig_atomic_t told_to_end;
+
+static void note_end(int number) {
+    (void)number;
+    told_to_end = 1;
+}
 
 static double now(void) {
     struct timespec t;
@@ -57,22 +72,24 @@ static void move(double pose[16], const double v[3], const double w[3]) {
 }
 
 int main(int count, char** argument) {
-    static message coming[COMING];
+    static waiting coming[COMING];
     static robot_record record;
+    static robot_twist told;
     struct sockaddr_un address;
     struct sched_param first = {50};
     robot_state* shared;
-    double delay, lag, gain, hold, acceleration, end, begun, heard, pose[16], w[6] = {0}, sent[6] = {0};
-    int in, file, i, head = 0, tail = 0;
+    double delay, lag, gain, hold, acceleration[2], end, begun, heard, pose[16], w[6] = {0}, sent[6] = {0};
+    int in, file, i, head = 0, tail = 0, ramps = 0;
     long tick;
-    FILE* log;
+    FILE *log, *twists;
     message latest;
 
-    if (count != 26) return 2;
+    if (count != 28) return 2;
+    signal(SIGTERM, note_end);
     (void)sched_setscheduler(0, SCHED_FIFO, &first); /* where it is allowed: a robot has a computer of its own */
-    delay = atof(argument[5]), lag = atof(argument[6]), gain = atof(argument[7]), hold = atof(argument[8]);
-    acceleration = atof(argument[9]);
-    for (i = 0; i < 16; ++i) pose[i] = atof(argument[10 + i]);
+    delay = atof(argument[6]), lag = atof(argument[7]), gain = atof(argument[8]), hold = atof(argument[9]);
+    acceleration[0] = atof(argument[10]), acceleration[1] = atof(argument[11]);
+    for (i = 0; i < 16; ++i) pose[i] = atof(argument[12 + i]);
     in = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
     memset(&address, 0, sizeof address);
     address.sun_family = AF_UNIX;
@@ -82,11 +99,12 @@ int main(int count, char** argument) {
     if (file < 0 || ftruncate(file, sizeof *shared)) return 4;
     shared = mmap(NULL, sizeof *shared, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (shared == MAP_FAILED || !(log = fopen(argument[3], "wb"))) return 5;
+    if (!(twists = fopen(argument[4], "wb"))) return 5;
     memset(&latest, 0, sizeof latest);
 
     begun = heard = now();
-    end = begun + atof(argument[4]);
-    for (tick = 0; begun + (double)tick * TICK < end; ++tick) {
+    end = begun + atof(argument[5]);
+    for (tick = 0; begun + (double)tick * TICK < end && !told_to_end; ++tick) {
         const double t = begun + (double)tick * TICK;
         struct timespec due = {(time_t)t, (long)(1e9 * (t - (double)(time_t)t))};
         const double late = now() - t;
@@ -95,19 +113,25 @@ int main(int count, char** argument) {
         for (;;) {
             message got;
             if (recv(in, &got, sizeof got, MSG_DONTWAIT) != (ssize_t)sizeof got) break;
-            coming[head] = latest = got;
-            coming[head].time = t + delay; /* when it acts */
+            coming[head].sent = latest = got;
+            coming[head].acts = t + delay;
             head = (head + 1) % COMING;
-            heard = t;
         }
-        while (tail != head && coming[tail].time <= t + 1e-9) {
-            memcpy(sent, coming[tail].twist, sizeof sent);
+        while (tail != head && coming[tail].acts <= t + 1e-9) {
+            const message* next = &coming[tail].sent;
+            told.time = t, told.number = (double)next->number, told.stamp = next->time, told.ramps = ramps;
+            memcpy(told.before, sent, sizeof sent);
+            memcpy(told.twist, next->twist, sizeof sent);
+            fwrite(&told, sizeof told, 1, twists);
+            memcpy(sent, next->twist, sizeof sent);
             tail = (tail + 1) % COMING;
+            heard = t, ramps = 0;
         }
         if (hold >= 0 && t - heard > hold) {
             /* Its own ramp: the whole twist is scaled down. */
             double largest = 0, share;
-            for (i = 0; i < 6; ++i) largest = fmax(largest, fabs(sent[i]) / (i < 3 ? acceleration : 3.0 * acceleration));
+            ramps = 1;
+            for (i = 0; i < 6; ++i) largest = fmax(largest, fabs(sent[i]) / acceleration[i / 3]);
             share = largest > TICK ? 1 - TICK / largest : 0;
             for (i = 0; i < 6; ++i) sent[i] *= share;
         }
@@ -118,7 +142,7 @@ int main(int count, char** argument) {
             *(i < 3 ? &v[i] : &turn[i - 3]) = lag > 0 ? goal * TICK + (before - goal) * lag * (1 - exp(-TICK / lag)) : goal * TICK;
         }
         move(pose, v, turn);
-        record.time = t - begun, record.number = (double)latest.number, record.stamp = latest.time;
+        record.time = t, record.late = late, record.number = (double)latest.number, record.stamp = latest.time;
         memcpy(record.command, latest.twist, sizeof record.command);
         memcpy(record.executed, sent, sizeof record.executed);
         memcpy(record.velocity, w, sizeof record.velocity);
@@ -131,5 +155,6 @@ int main(int count, char** argument) {
         __atomic_add_fetch(&shared->version, 1, __ATOMIC_SEQ_CST);
     }
     fclose(log);
+    fclose(twists);
     return 0;
 }

@@ -11,13 +11,15 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
 
 from ergoqp.solvers.session import Array, Qp, Session, Workspace
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 FREE: Final = 1e9
 """Stands for "no bound" in the step: large against all quantities there, but finite.
@@ -269,6 +271,8 @@ class GrowingPattern:
 
     def csc(self, matrix: Array) -> sparse.csc_matrix:
         """Return a matrix in the pattern."""
+        from scipy import sparse  # slow to import, and needed by few solvers
+
         return sparse.csc_matrix((self.values(matrix), self._rows, self._ends), shape=matrix.shape)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from puppet import Fake, Puppet, step_answer
+from puppet import Fake, N, Puppet, step_answer
 from relay_running import DT, TOLD, A, Driver, FakeRelay, Relay, V, relay_program
 from service_running import Running, running
 
@@ -33,7 +33,7 @@ from ergoqp.service.relay import (
     Why,
     execute_frame,
 )
-from ergoqp.service.schema import KNOTS, REQUEST_HEAD, Flag
+from ergoqp.service.schema import KNOTS, REQUEST_HEAD, Flag, answer_frame
 
 FRAME = execute_frame()
 
@@ -149,7 +149,7 @@ def expected_output(times: np.ndarray, reach: float, twist: float) -> np.ndarray
     return np.interp(times, [0, reach, reach + 4 * DT], [0, twist, 0])
 
 
-@pytest.mark.parametrize(("twist", "reach"), [(0.08, DT), (0.2, 0.2), (-0.3, 0.3)])
+@pytest.mark.parametrize(("twist", "reach"), [(0.08, 1.75 * DT), (0.2, 0.2), (-0.3, 0.3)])
 def test_the_output_goes_to_the_twist_and_along_its_stop(
     relay: Relay, sender: Sender, twist: float, reach: float
 ) -> None:
@@ -179,18 +179,21 @@ def test_periods_of_the_stop_are_counted(relay: Relay, sender: Sender) -> None:
     seen = []
     while time.monotonic() - begun < 0.75:
         told = sender.status()
-        # The first period leads to the twist; every further one is one of the stop.
+        # The first 1.75 periods lead to the twist; every further one is one of the stop. What is
+        # told is what will have begun half a period later, when an answer may arrive.
         seen.append((time.monotonic() - begun, told.begun))
         time.sleep(0.01)
     for seconds, count in seen:
-        assert count in {max(0, int((seconds + e) / DT)) for e in (0.0, -0.02, -0.05)}, seconds
+        assert count in {max(0, int((seconds + e) / DT - 0.25)) for e in (0.0, -0.02, -0.05)}, (
+            seconds
+        )
     assert seen[-1][1] >= 6
 
 
 def test_a_loop_goes_on_and_what_is_old_does_not(relay: Relay, sender: Sender) -> None:
     assert sender.execute(1, 0.08).accepted
     for sequence in range(2, 6):
-        time.sleep(DT / 2)
+        time.sleep(DT)
         told = sender.execute(sequence, 0.08, acted=sequence - 1, base=Base.continues)
         assert told.accepted, told.text
     time.sleep(0.5)
@@ -211,15 +214,68 @@ def test_a_loop_goes_on_and_what_is_old_does_not(relay: Relay, sender: Sender) -
     relay.driver.check()
 
 
-def test_periods_may_differ_by_one(relay: Relay, sender: Sender) -> None:
-    for followed, allowed in ((0, False), (1, True), (2, True), (3, True), (4, False)):
+def test_a_frame_continues_from_a_knot_that_lies_ahead(relay: Relay, sender: Sender) -> None:
+    for followed, allowed in ((0, False), (1, True), (2, True), (3, False), (4, False)):
         relay.driver.wait_for_rest()
         before = sender.status().sequence
         assert sender.execute(before + 1, 0.08).accepted
+        # In half a period the second one of the stop begins; now the first one has.
         while sender.status().begun < 2:
             time.sleep(0.002)
         told = sender.execute(before + 2, 0.0, before + 1, followed, Base.continues)
         assert told.accepted == allowed, (followed, told.text)
+    relay.driver.check()
+
+
+def test_early_and_late_frames_leave_no_trace(relay: Relay, sender: Sender) -> None:
+    rise, rng = 0.03, np.random.default_rng(4)
+    begun = time.monotonic()
+    assert sender.execute(1, rise).accepted
+    for sequence in range(2, 12):
+        due = begun + (sequence - 1 + rng.uniform(-0.2, 0.3)) * DT
+        time.sleep(max(0.0, due - time.monotonic()))
+        told = sender.execute(sequence, rise * sequence, sequence - 1, 0, Base.continues)
+        assert told.accepted, told.text
+    rows = relay.driver.rows
+    rows = rows[(rows[:, 2] > rise) & (rows[:, 2] < 11 * rise)]
+    slopes = np.diff(rows[:, 2]) / np.diff(rows[:, 1])
+    np.testing.assert_allclose(slopes, rise / DT, rtol=1e-6)
+
+
+def test_a_frame_that_comes_much_too_early_is_refused(relay: Relay, sender: Sender) -> None:
+    assert sender.execute(1, 0.08).accepted
+    told = sender.execute(2, 0.08, 1, 0, Base.continues)  # the first twist is 1.75 periods ahead
+    assert (told.kind, told.why, told.sequence) == (RelayTell.refused, Why.base, 1)
+    assert told.text.startswith("it comes too early: what it continues from lies 0.17")
+    time.sleep(0.5 * DT)
+    for sequence in (2, 3):
+        told = sender.execute(sequence, 0.08, sequence - 1, 0, Base.continues)
+        assert told.accepted == (sequence == 2), told.text
+        time.sleep(0.1 * DT)
+    relay.driver.wait_for_rest()
+    relay.driver.check()
+
+
+def test_lines_wait_for_their_time(relay: Relay, sender: Sender) -> None:
+    # The third frame comes before the line to the second twist has begun.
+    rise, begun = 0.05, time.monotonic()
+    for sequence, due in ((1, 0.0), (2, 0.6), (3, 1.5)):
+        time.sleep(max(0.0, begun + due * DT - time.monotonic()))
+        told = sender.execute(sequence, rise * sequence, sequence - 1, 0, 2 - (sequence > 1))
+        assert told.accepted, told.text
+    relay.driver.wait_for_rest()
+    rows = relay.driver.rows
+    top = np.argmax(rows[:, 2])
+    rows = rows[:top]
+    rows = rows[rows[:, 2] > rise]
+    np.testing.assert_allclose(np.diff(rows[:, 2]) / np.diff(rows[:, 1]), rise / DT, rtol=1e-6)
+
+
+def test_an_axis_that_does_not_move_has_the_speed_zero(relay: Relay, sender: Sender) -> None:
+    told = sender.execute(1, [0.08, 0, 0, 0, 0, 0], speed=(3, 0.0))
+    assert told.accepted, told.text
+    assert sender.execute(2, 0.08, 1, 0, Base.continues, speed=(3, 0.0)).why == Why.limits
+    relay.driver.wait_for_rest()
     relay.driver.check()
 
 
@@ -301,8 +357,9 @@ EACH = slice(None)
         *(
             ({name: (3, bad)}, Why.numbers)
             for name in ("acceleration", "speed")
-            for bad in (np.nan, np.inf, 0.0, -1.0)
+            for bad in (np.nan, np.inf, -1.0)
         ),
+        ({"acceleration": (3, 0.0)}, Why.numbers),
         *(({"dt": bad}, Why.numbers) for bad in (np.nan, 0.0, -0.1, 1e9)),
         *(({"knots": bad}, Why.numbers) for bad in (0, 65, 1 << 31)),
         *(({"base": bad}, Why.numbers) for bad in (0, 4)),
@@ -584,6 +641,23 @@ def test_a_client_that_is_killed_in_motion_leaves_the_stop(
     second.end()
 
 
+def test_the_limits_come_with_the_first_answer(relay: Relay, fake: Fake, puppet: Puppet) -> None:
+    usual = fake.answer
+
+    def answer(asked: bytes) -> bytes:
+        frame = bytearray(usual(asked))
+        layout = answer_frame(N, 3)
+        layout.numbers(frame, "speed")[:] = V
+        layout.numbers(frame, "acceleration")[:] = A
+        return bytes(frame)
+
+    fake.answer = answer
+    puppet.init(fake.path, relay.path, dt=DT)
+    puppet.ask("reset")
+    drive(puppet, 3)
+    relay.driver.check()
+
+
 def test_a_client_that_comes_back_in_motion_takes_over(
     relay: Relay, fake: Fake, puppet: Puppet
 ) -> None:
@@ -706,19 +780,19 @@ def test_what_the_relay_took_without_saying_so_counts_once_it_is_asked(
     puppet.ask("timeout", 2.0)
     assert puppet.step().fresh, puppet.reason
     said = REQUEST_HEAD.unpack_from(fake.requests[-1])
-    # Of the second answer the twist alone, or two periods of the first one's stop.
-    assert (said[5], said[7]) == ((2, 0) if takes else (1, 2))
+    # Of the second answer and the first period of its stop, or two of the first one's.
+    assert (said[5], said[7]) == ((2, 1) if takes else (1, 2))
     relay.end()
 
 
-def test_the_client_counts_the_periods_itself_where_the_relay_agrees(
+def test_the_client_continues_from_where_the_relay_will_be(
     fake: Fake, puppet: Puppet, tmp_path: Path
 ) -> None:
     relay = FakeRelay(tmp_path / "fr")
     ready(puppet, fake.path, relay)
     puppet.ask("reset")
     assert puppet.step().fresh
-    for begun, followed in ((0, 0), (1, 0), (2, 2), (9, 9)):
+    for begun, followed in ((0, 0), (1, 1), (2, 2), (9, 9)):
         relay.begun = begun
         assert puppet.step().fresh
         assert REQUEST_HEAD.unpack_from(fake.requests[-1])[7] == followed

@@ -349,6 +349,17 @@ static inline void ergoqp_client_priv_time(ergoqp_client* c, int64_t now) {
     }
 }
 
+/* Notes the limits that came with the answer that was received. A relay needs them with the first one already. */
+static inline void ergoqp_client_priv_note_limits(ergoqp_client* c, uint32_t rows) {
+    const uint32_t n = c->coordinates;
+    const double longest = c->answer[ERGOQP_CLIENT_ANSWER_AT_LONGEST_DT(n, rows) / 8];
+    if (longest > 0) c->told_longest = longest;
+    if (!c->own_limits) {
+        memcpy(c->speed, c->answer + ERGOQP_CLIENT_ANSWER_AT_SPEED(n, rows) / 8, sizeof c->speed);
+        memcpy(c->acceleration, c->answer + ERGOQP_CLIENT_ANSWER_AT_ACCELERATION(n, rows) / 8, sizeof c->acceleration);
+    }
+}
+
 /* Takes over the answer that was received: from now on it is executed. */
 static inline void ergoqp_client_priv_adopt(ergoqp_client* c) {
     ergoqp_client_answer_head head;
@@ -372,13 +383,6 @@ static inline void ergoqp_client_priv_adopt(ergoqp_client* c) {
     memcpy(out->slack, c->answer + ERGOQP_CLIENT_ANSWER_AT_SLACK(n, m) / 8, m * sizeof(double));
     out->cost = c->answer[ERGOQP_CLIENT_ANSWER_AT_COST(n, m) / 8];
     out->gain = c->answer[ERGOQP_CLIENT_ANSWER_AT_GAIN(n, m) / 8];
-    if (c->answer[ERGOQP_CLIENT_ANSWER_AT_LONGEST_DT(n, m) / 8] > 0) {
-        c->told_longest = c->answer[ERGOQP_CLIENT_ANSWER_AT_LONGEST_DT(n, m) / 8];
-    }
-    if (!c->own_limits) {
-        memcpy(c->speed, c->answer + ERGOQP_CLIENT_ANSWER_AT_SPEED(n, m) / 8, sizeof c->speed);
-        memcpy(c->acceleration, c->answer + ERGOQP_CLIENT_ANSWER_AT_ACCELERATION(n, m) / 8, sizeof c->acceleration);
-    }
     out->fresh = 1;
     out->status = head.status;
     out->causes = head.causes;
@@ -442,7 +446,10 @@ static inline int ergoqp_client_priv_usable(ergoqp_client* c) {
             before = times[k];
         }
     }
-    if (!wrong) return 1;
+    if (!wrong) {
+        ergoqp_client_priv_note_limits(c, head.rows);
+        return 1;
+    }
     c->refused += 1;
     ergoqp_client_priv_say(c, "service: an answer ", wrong, "");
     return 0;
@@ -538,14 +545,14 @@ static inline int ergoqp_client_priv_ask_relay(ergoqp_client* c, int64_t until) 
     pending = c->pending;
     c->pending = 0;
     if (pending && c->told.session == c->pending_session && c->told.sequence == pending) {
-        /* It did get the last answer. Its twist lasts for the first of the periods that have begun. */
+        /* It did get the last answer. */
         ergoqp_client_priv_adopt(c);
-        c->followed = c->told.begun > 0 ? c->told.begun - 1 : 0;
+        c->followed = c->told.begun;
     } else if (c->session && (c->told.session != c->session || c->told.sequence != c->acted)) {
         ergoqp_client_priv_forget(c);
         ergoqp_client_priv_say(c, "relay: it does not execute what was sent to it: ", ERGOQP_CLIENT_REPORT, "");
-    } else if (c->session && (c->told.begun > c->followed + 1u || c->told.begun + 1u < c->followed)) {
-        c->followed = c->told.begun; /* this program did not run for some time, or runs at another pace */
+    } else if (c->session) {
+        c->followed = c->told.begun; /* the next line begins where the last of these periods ends */
     }
     return 1;
 }

@@ -1,8 +1,10 @@
 /* ergoqp relay: executes twists and their stops beside the robot, also when who sends them is late, hangs or dies.
  *
- * The output is piecewise linear: from the present output to the twist within one period, or longer where the
- * acceleration limit needs it, then along the knots of the stop, then zero until the next frame is accepted. It is sent
- * at a fixed rate. Nothing is allocated once it runs. Build it by hand:
+ * The output is piecewise linear: to the twist within one period, or longer where the acceleration limit needs it, then
+ * along the knots of the stop, then zero until the next frame is accepted. The line to a twist begins when the one before,
+ * or the knot of its stop that the frame continues from, is reached. So frames that come a little earlier or later leave no
+ * trace in the output, and its jerk is that of the twists. The output is sent at a fixed rate. Nothing is allocated once it
+ * runs. Build it by hand:
  *
  *     ergoqp serve --header > ergoqp_client.h
  *     ergoqp relay --source > relay.c
@@ -27,6 +29,10 @@
 #define ROUNDING 1e-6 /* a speed that exceeds its limit by this much is cut off [m/s, rad/s] */
 #define STRETCH 1.001 /* a part of a stop that would have to last longer by this factor is refused */
 #define MISTAKE 2
+#define FIRST 1.75 /* a motion's first twist is reached after so many periods; later ones that are late have this to spare */
+#define LEAD 0.5   /* a client that asks now will have its answer in so many periods */
+#define AHEAD 1.5  /* a line begins at most so many periods after its frame has come */
+#define WAITING 4  /* lines that are executed or wait for their time: no more begin within AHEAD */
 
 typedef ergoqp_client_relay_execute Frame;
 typedef ergoqp_client_relay_told Told;
@@ -39,15 +45,17 @@ typedef struct {
 } Datagram;
 ERGOQP_CLIENT_ASSERT(sizeof(Datagram) == 64, datagram_size);
 
-/* What is executed. */
-static struct {
+/* What is executed from a time on. */
+typedef struct {
     uint64_t session, sequence;
-    double begin;     /* when it was accepted [s] */
+    double joins;     /* when its line begins [s]; until then an earlier one is executed */
     double reach, dt; /* after how long the twist is reached, and period of the stop [s] */
     double rests;     /* after how long the output is zero for good [s] */
     double from[6];
     ergoqp_client_plan plan;
-} executed;
+} Executed;
+
+static Executed executed, earlier[WAITING]; /* the newest one, and those before it, newest first */
 
 /* The one client. */
 static struct {
@@ -104,22 +112,23 @@ static double seconds_now(void) {
 /* ---------------------------------------- the output */
 
 static void output(double now, double twist[6]) {
-    const double passed = now - executed.begin;
+    const Executed* one = &executed;
+    double passed;
     int i;
-    if (passed >= executed.reach) {
-        ergoqp_client_priv_at(&executed.plan, passed - executed.reach, twist);
+    for (i = 0; i < WAITING && now < one->joins; ++i) one = earlier + i;
+    passed = now - one->joins;
+    if (passed >= one->reach) {
+        ergoqp_client_priv_at(&one->plan, passed - one->reach, twist);
         return;
     }
-    for (i = 0; i < 6; ++i) {
-        twist[i] = executed.from[i] + (executed.plan.twist[i] - executed.from[i]) * (passed / executed.reach);
-    }
+    for (i = 0; i < 6; ++i) twist[i] = one->from[i] + (one->plan.twist[i] - one->from[i]) * (passed / one->reach);
 }
 
-static int stands(double now) { return now - executed.begin >= executed.rests; }
+static int stands(double now) { return now - executed.joins >= executed.rests; }
 
 /* Periods of the stop that have begun. */
 static uint32_t begun(double now) {
-    const double passed = now - executed.begin - executed.reach;
+    const double passed = now - executed.joins - executed.reach;
     if (!executed.plan.knots || passed < 0) return 0;
     return passed / executed.dt < 4e9 ? 1u + (uint32_t)(passed / executed.dt) : 4000000000u;
 }
@@ -196,8 +205,8 @@ static int is_sound(const Frame* frame, Told* told) {
     }
     for (i = 0; i < 6; ++i) {
         const double a = frame->acceleration[i], v = frame->speed[i];
-        if (!(a > 0 && v > 0 && a - a == 0 && v - v == 0)) {
-            return refuse(told, why, "acceleration, speed: axis %d is %g, %g, allowed positive numbers", i, a, v);
+        if (!(a > 0 && v >= 0 && a - a == 0 && v - v == 0)) {
+            return refuse(told, why, "acceleration, speed: axis %d is %g, %g, allowed a positive number, and one of at least 0", i, a, v);
         }
     }
     if (!ergoqp_client_priv_finite(frame->twist, 6) || !ergoqp_client_priv_finite(frame->from, 6) ||
@@ -251,6 +260,9 @@ static int keeps_limits(Frame* frame, Told* told) {
     return 1;
 }
 
+/* When the twist is reached that a frame continues from, or the knot of its stop. */
+static double ahead(const Frame* frame) { return executed.joins + executed.reach + frame->followed * executed.dt; }
+
 /* Whether a frame continues from what the robot does. */
 static int continues(const Frame* frame, double now, Told* told) {
     const uint32_t here = begun(now);
@@ -275,9 +287,12 @@ static int continues(const Frame* frame, double now, Told* told) {
                       "acted: got answer %llu, and answer %llu of %s session is executed",
                       (unsigned long long)frame->acted, (unsigned long long)executed.sequence,
                       frame->session == executed.session ? "this" : "another");
-    } else if (here > frame->followed + 1u || here + 1u < frame->followed) {
+    } else if (frame->followed < here || frame->followed > here + 1u) {
         return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE, "followed: got %u periods of the stop, and %u have begun",
                       (unsigned)frame->followed, (unsigned)here);
+    } else if (ahead(frame) > now + AHEAD * frame->dt && !stands(now)) {
+        return refuse(told, ERGOQP_CLIENT_RELAY_WHY_BASE,
+                      "it comes too early: what it continues from lies %.3f s ahead", ahead(frame) - now);
     }
     return 1;
 }
@@ -301,17 +316,26 @@ static double time_to_rest(void) {
 }
 
 static void execute(Frame* frame, double now, Told* told) {
+    double joins = now, least = FIRST * frame->dt, from[6];
     if (!is_sound(frame, told) || !keeps_limits(frame, told) || !continues(frame, now, told)) return;
     if (told_to_end) {
         refuse(told, ERGOQP_CLIENT_RELAY_WHY_ENDS, "the relay ends");
         return;
     }
-    output(now, executed.from);
+    if (frame->base == ERGOQP_CLIENT_RELAY_BASE_CONTINUES && !stands(now)) {
+        /* From a knot of the stop, or the twist itself, which lies ahead. */
+        joins = ahead(frame);
+        least = frame->dt;
+    }
+    output(joins, from);
+    memmove(earlier + 1, earlier, (WAITING - 1) * sizeof *earlier);
+    earlier[0] = executed;
+    memcpy(executed.from, from, sizeof from);
     executed.session = frame->session;
     executed.sequence = frame->sequence;
-    executed.begin = now;
+    executed.joins = joins;
     executed.dt = frame->dt;
-    executed.reach = fmax(frame->dt, largest_change(executed.from, frame->twist, frame->acceleration));
+    executed.reach = fmax(least, largest_change(from, frame->twist, frame->acceleration));
     executed.plan.knots = frame->knots;
     memcpy(executed.plan.twist, frame->twist, sizeof frame->twist);
     memcpy(executed.plan.times, frame->times, sizeof frame->times);
@@ -334,7 +358,7 @@ static int send_answer(int fd, Told* told) {
     const double now = seconds_now();
     told->session = executed.session;
     told->sequence = executed.sequence;
-    told->begun = begun(now);
+    told->begun = begun(now + LEAD * executed.dt);
     told->stands = (uint32_t)stands(now);
     output(now, told->twist);
     if (told->why && told->why != last) say("refused: %s", told->text);
