@@ -29,7 +29,9 @@ Figures:
   came until then.
 - ``back_s``: longest time from the end of a fault of the worker until a fresh answer moves the
   object again, minus the time of the stop. Wanted <= 0.3. ``supervisor_back_s``: the same for a
-  supervisor that is started again at once. Wanted <= 1.
+  supervisor that is started again at once. Wanted <= 1. ``free.back_s``,
+  ``free.supervisor_back_s``: without the time in which supervisor and worker were ready to run, and
+  the machine gave its processors to others (`/proc/PID/schedstat`).
 - ``exempt.acceleration_factor``, ``exempt.jerk_factor``: of programs that take over a motion (a
   reported twist has no slope, so the jerk is not held), and of clients without a relay that lie
   about what was executed. They do not count as unsafe for that, but for all else.
@@ -164,20 +166,25 @@ def _trial(kind: str, seed: int, folder: Path) -> Found:
         time.sleep(max(0.0, one.moved + wait - time.monotonic()))
         fault = time.monotonic()
         over = spec.inject(one)
-        time.sleep(spec.after)
-        until = over + _LONGEST_BACK if spec.group else 0.0
-        while time.monotonic() < until and back(one.loop_rows(), over) == NEVER:
-            time.sleep(0.1)
+        waited = _wait_for_motion(one, over) if spec.group else -1.0
+        time.sleep(max(0.0, over + spec.after - time.monotonic()))
     finally:
         one.end()
     found, rows = judge(world, folder, spec.setup.relayed, spec.exempt), one.loop_rows()
     found.wrong += one.notes
     if spec.group:
-        found.back_s = back(rows, over)
+        found.back_s, found.waited_s = back(rows, over), waited
         found.rest_late_s = rest_late(rows, folder, fault, spec.setup.relayed)
     if spec.setup.recorded:
         _judge_records(found, folder)
     return found
+
+
+def _wait_for_motion(one: Trial, over: float) -> float:
+    """Wait until the object moves again; return how long the machine kept the service waiting."""
+    while time.monotonic() < over + _LONGEST_BACK and back(one.loop_rows(), over) == NEVER:
+        time.sleep(0.02)
+    return one.waited()
 
 
 def _judge_records(found: Found, folder: Path) -> None:
@@ -260,6 +267,8 @@ def measure(report: Report) -> None:
     for name, group, most in (("back_s", "worker", 0.3), ("supervisor_back_s", "supervisor", 1)):
         found = [each for each in trials if KINDS[each["kind"]].group == group]
         report.figure(name, _largest(found, "back_s"), f"wanted <= {most}")
+        free = [each["back_s"] - each["waited_s"] for each in found]
+        report.figure(f"free.{name}", max(free, default=0.0), f"wanted <= {most}")
     report.figure("record_lost", sum(each["record_lost"] for each in trials))
     report.figure("record_wrong", sum(each["record_wrong"] for each in trials), "wanted 0")
     report.figure("unexpected", sum(bool(each["wrong"]) for each in trials), "wanted 0")

@@ -52,6 +52,8 @@ class Found:
         rest_late_s: how much later than the stop's time the commanded twist was zero.
         back_s: time from the end of the fault until the object was moved again, without the time
             of the stop; -1 if it is not asked for.
+        waited_s: how long the processes that had to come back stood ready to run, and the machine
+            gave them no processor; -1 if it is not asked for.
         robot_late_s: how late the robot's clock was at most, by the machine's fault.
         way_m: how far the object came.
         record_lost, record_wrong: steps missing in its record without being counted there, and
@@ -67,6 +69,7 @@ class Found:
     outside_deg: float = -1e3
     rest_late_s: float = -1.0
     back_s: float = -1.0
+    waited_s: float = -1.0
     robot_late_s: float = 0.0
     way_m: float = 0.0
     record_lost: int = 0

@@ -263,6 +263,14 @@ class Trial:
             )
         )
 
+    def waited(self) -> float:
+        """Return how long supervisor and worker were ready and had no processor so far [s]."""
+        assert self.service is not None
+        pids = (self.service.pid, self.worker())
+        return 1e-9 * sum(
+            int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) for pid in pids
+        )
+
     def end(self) -> None:
         """End the robot, so that its record is whole, then everything else."""
         if self.robot is not None:

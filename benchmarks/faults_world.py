@@ -169,7 +169,7 @@ def draw_world(rng: np.random.Generator, folder: Path, relayed: bool, hold: floa
 def _walled(
     rng: np.random.Generator, start: np.ndarray, way: np.ndarray, relayed: bool, hold: float
 ) -> World:
-    share = rng.choice([0.0, 0.5, 1.0], size=3, p=[0.25, 0.5, 0.25])
+    share = rng.choice([0.0, 0.5, 1.0], size=3, p=[0.3, 0.4, 0.3])
     robot = Robot(
         delay=0.04 * float(rng.uniform(0, 1) if share[0] else 0.0),
         lag=0.15 * float(rng.uniform(0, 1) if share[1] else 0.0),
@@ -202,7 +202,8 @@ def _walled(
     declared = {
         "delay": robot.delay + WAIT + SLACK + TICK + (0.025 if relayed else 0.0),
         "lag": min(0.2, robot.lag * float(rng.uniform(1.0, 1.2)) + 0.005),
-        "gain_error": abs(robot.gain - 1) + float(rng.uniform(0.002, 0.02)),
+        # With a declared error of the gain, the object comes to rest after every late answer.
+        "gain_error": abs(robot.gain - 1) + float(rng.uniform(0.002, 0.02)) if share[2] else 0.0,
         "pose_delay": 0.003,
         "pose_noise": robot.noise + 1e-6,
         "pose_noise_deg": 0.01,

@@ -5,16 +5,18 @@
  * Arguments: service relay|- robot state start record seconds dt timeout longest_dt naive begins standing noise
  * linear_speed angular_speed linear_acceleration angular_acceleration mischief from to hold.
  *
- * `robot` is the socket of the robot's datagrams. `naive`: 1 holds the last twist where no answer comes (the control).
- * `begins`, if the service does not know what the robot does: 0 waits until the robot stands, 1 takes over what it was
- * sent last, 2 goes by what the relay sends. `standing`: speed [m/s, rad/s] below which the robot's report counts as
- * standing. `hold`: the robot's own timeout; negative: it has none. A robot that has one slows down by itself when this
- * program pauses for longer or is started anew: it is then sent nothing until it stands. `longest_dt` and the limits: 0 for those that come with the answers.
- *
- * `mischief`, from `from` to `to` [s], or once at `from`: 1 the posture is NaN; on its own connection 2 random bytes,
- * 3 half a frame, 4 a frame that says it is too long, 5 another version, 6 the same request again, 7 many requests whose
- * answers nobody reads; in its own requests 8 numbers are skipped, 9 the number of the request before is used again,
- * 10 `acted` is one less, 11 `followed` is one more, 12 the session is another. */
+ * - `robot` is the socket of the robot's datagrams.
+ * - `longest_dt` and the limits: 0 for those that come with the answers.
+ * - `naive`: 1 holds the last twist where no answer comes (the control).
+ * - `begins`, if the service does not know what the robot does: 0 waits until the robot stands, 1 takes over what it
+ *   was sent last, 2 goes by what the relay sends.
+ * - `standing`: speed [m/s, rad/s] below which the robot's report counts as standing.
+ * - `hold`: the robot's own timeout; negative: it has none. A robot that has one slows down by itself when this program
+ *   pauses for longer or is started anew: it is then sent nothing until it stands.
+ * - `mischief`, from `from` to `to` [s], or once at `from`: 1 the posture is NaN; on its own connection 2 random bytes,
+ *   3 half a frame, 4 a frame that says it is too long, 5 another version, 6 the same request again, 7 many requests
+ *   whose answers nobody reads; in its own requests 8 numbers are skipped, 9 the number of the request before is used
+ *   again, 10 `acted` is one less, 11 `followed` is one more, 12 the session is another. */
 #include "ergoqp_client.h"
 
 #include <fcntl.h>
@@ -137,7 +139,8 @@ int main(int count, char** argument) {
     if (count != 23) return 2;
     (void)sched_setscheduler(0, SCHED_FIFO, &first); /* where it is allowed, as for a robot's program */
     dt = atof(argument[8]), naive = atoi(argument[11]), begins = atoi(argument[12]), standing = atof(argument[13]);
-    noise = atof(argument[14]), mischief = atoi(argument[19]), from = atof(argument[20]), to = atof(argument[21]), hold = atof(argument[22]), silent = hold >= 0;
+    noise = atof(argument[14]), mischief = atoi(argument[19]), from = atof(argument[20]), to = atof(argument[21]);
+    hold = atof(argument[22]), silent = hold >= 0;
     relayed = strcmp(argument[2], "-") != 0;
     if (!ergoqp_client_init(&client, argument[1], relayed ? argument[2] : NULL, 32, dt)) return 3;
     client.timeout = atof(argument[9]);
@@ -165,7 +168,8 @@ int main(int count, char** argument) {
         loop_record* now = record + period;
         double share = 0, size = 0;
         sleep_until(start);
-        if (seconds_now() - start > 0.5 * dt) start = seconds_now(); /* the process was stopped, or the machine is busy */
+        /* The process was stopped, or the machine is busy. */
+        if (seconds_now() - start > 0.5 * dt) start = seconds_now();
         robot_read(shared, &robot);
         memcpy(in.pose, robot.pose, sizeof in.pose);
         for (i = 0; i < 3; ++i) {
@@ -186,7 +190,8 @@ int main(int count, char** argument) {
         if (now->begins) silent = 0;
         /* From twist to twist, because this program may have been stopped within the step. */
         if (hold >= 0 && seconds_now() - called > client.longest_dt) silent = 1;
-        if (silent && !ergoqp_client_waits(&client)) ergoqp_client_close(&client); /* what it answered is not executed */
+        /* What was answered is then not executed. */
+        if (silent && !ergoqp_client_waits(&client)) ergoqp_client_close(&client);
         called = seconds_now();
         ++told.number;
         told.time = start - begun;

@@ -1,8 +1,8 @@
 /* A robot in a process of its own, with its own clock: w' = (gain s(t - delay) - w) / lag for the sent twist s.
  *
  * It takes datagrams (u64 number, f64 time, f64 twist[6]), writes its state into a file that others map, a record of
- * every millisecond, and one of every twist. If no twist acts for `hold` seconds, it ramps down along a straight line by
- * itself.
+ * every millisecond, and one of every twist. If no twist acts for `hold` seconds, it ramps down along a straight line
+ * by itself.
  *
  * Arguments: socket state record twists seconds delay lag gain hold linear_acceleration angular_acceleration pose[16];
  * hold < 0: it goes on for ever. */
@@ -139,7 +139,8 @@ int main(int count, char** argument) {
             const double goal = gain * sent[i], before = w[i];
             w[i] = lag > 0 ? goal + (w[i] - goal) * exp(-TICK / lag) : goal;
             /* The exact way of a first-order lag within the tick. */
-            *(i < 3 ? &v[i] : &turn[i - 3]) = lag > 0 ? goal * TICK + (before - goal) * lag * (1 - exp(-TICK / lag)) : goal * TICK;
+            *(i < 3 ? &v[i] : &turn[i - 3]) =
+                goal * TICK + (lag > 0 ? (before - goal) * lag * (1 - exp(-TICK / lag)) : 0);
         }
         move(pose, v, turn);
         record.time = t, record.late = late, record.number = (double)latest.number, record.stamp = latest.time;

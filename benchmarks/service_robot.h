@@ -15,16 +15,17 @@ typedef struct {
     double time, late, number, stamp, command[6], executed[6], velocity[6], pose[16];
 } robot_record;
 
-/* Every twist as it begins to act. `before` is what was executed until then; `ramps`: that was the robot's own ramp. */
+/* Every twist as it begins to act. `before` is what was executed until then, `ramps`: that was the robot's own ramp. */
 typedef struct {
     double time, number, stamp, ramps, before[6], twist[6];
 } robot_twist;
 
 /* Every period of the loop, in a file that it maps, so that nothing is lost when it is killed. `rests`: how long the
- * stop of the last fresh answer takes; `known`: whether the relay answered; `moves`: largest entry of the robot's own
- * report. */
+ * stop of the last fresh answer takes; `known`: whether the relay answered; `moves`: largest entry of the robot's
+ * own report. */
 typedef struct {
-    double time, number, fresh, status, reason, waits, begins, rests, late, lost, refused, known, moves, twist[6], posture[32];
+    double time, number, fresh, status, reason, waits, begins, rests, late, lost, refused, known, moves;
+    double twist[6], posture[32];
 } loop_record;
 #define LOOP_RECORDS 4096
 

@@ -443,15 +443,14 @@ class Client:
         executed, pending = (relay.session, relay.sequence), self._pending
         self._pending = None
         if pending is not None and executed == pending[:2]:
-            # It did get the last answer. Its twist lasts for the first of the periods that have
-            # begun.
+            # It did get the last answer.
             self._adopt(*pending)
-            self._followed = max(0.0, relay.begun - 1.0)
+            self._followed = float(relay.begun)
         elif self._session and executed != (self._session, self._acted):
             self._forget()
             self._why = f"relay: it does not execute what was sent to it: {_ASK}"
-        elif self._session and abs(relay.begun - self._periods()) > 1:
-            # This program did not run for some time, or runs at another pace.
+        elif self._session:
+            # The next line begins where the last of these periods ends.
             self._followed = float(relay.begun)
         return True
 

@@ -283,8 +283,8 @@ def test_what_the_relay_took_without_saying_so_counts_once_it_is_asked(
     fake_relay.delay, fake_relay.takes, fake_relay.begun = 0.0, True, 1 if takes else 4
     client.timeout = 2.0
     assert client.step(START).fresh
-    # Of the second answer the twist alone, or four periods of the first one's stop.
-    assert said(fake)[2:] == ((2, 0) if takes else (1, 4))
+    # Of the second answer one period of its stop, or four periods of the first one's stop.
+    assert said(fake)[2:] == ((2, 1) if takes else (1, 4))
     # What a reset forgot does not come back.
     fake_relay.delay, client.timeout = 0.5, 0.15
     assert not client.step(START).fresh
@@ -306,7 +306,7 @@ def test_an_answer_that_the_relay_took_has_its_own_periods(
     fake.answer = lambda asked: told(asked, twist=0.2, dt=0.05)
     assert not client.step(START, dt=0.05).fresh
     time.sleep(0.4)
-    fake_relay.begun, fake_relay.delay = 3, 0.0
+    fake_relay.begun, fake_relay.delay = 2, 0.0
     fake.answer = lambda asked: note(Tell.refused, HEAD.unpack_from(asked)[4], "no")
     client.timeout = 2.0
     step = client.step(START, dt=0.05)
@@ -315,13 +315,13 @@ def test_an_answer_that_the_relay_took_has_its_own_periods(
     np.testing.assert_allclose(step.twist, 0.05)
 
 
-def test_the_client_counts_the_periods_itself_where_the_relay_agrees(
+def test_the_client_continues_from_where_the_relay_will_be(
     fake: Fake, fake_relay: FakeRelay, make: Make
 ) -> None:
     client = make(fake_relay)
     client.reset()
     assert client.step(START).fresh
-    for begun, followed in ((0, 0), (1, 0), (2, 2), (9, 9)):
+    for begun, followed in ((0, 0), (1, 1), (2, 2), (9, 9)):
         fake_relay.begun = begun
         assert client.step(START).fresh
         assert said(fake)[3] == followed

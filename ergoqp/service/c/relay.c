@@ -1,10 +1,10 @@
 /* ergoqp relay: executes twists and their stops beside the robot, also when who sends them is late, hangs or dies.
  *
- * The output is piecewise linear: to the twist within one period, or longer where the acceleration limit needs it, then
- * along the knots of the stop, then zero until the next frame is accepted. The line to a twist begins when the one before,
- * or the knot of its stop that the frame continues from, is reached. So frames that come a little earlier or later leave no
- * trace in the output, and its jerk is that of the twists. The output is sent at a fixed rate. Nothing is allocated once it
- * runs. Build it by hand:
+ * The output is piecewise linear: to the twist within one period, or longer where the acceleration limit needs it,
+ * then along the knots of the stop, then zero until the next frame is accepted. The line to a twist begins when the
+ * one before, or the knot of its stop that the frame continues from, is reached. So frames that come a little earlier
+ * or later leave no trace in the output, and its jerk is that of the twists. The output is sent at a fixed rate.
+ * Nothing is allocated once it runs. Build it by hand:
  *
  *     ergoqp serve --header > ergoqp_client.h
  *     ergoqp relay --source > relay.c
@@ -29,7 +29,7 @@
 #define ROUNDING 1e-6 /* a speed that exceeds its limit by this much is cut off [m/s, rad/s] */
 #define STRETCH 1.001 /* a part of a stop that would have to last longer by this factor is refused */
 #define MISTAKE 2
-#define FIRST 1.75 /* a motion's first twist is reached after so many periods; later ones that are late have this to spare */
+#define FIRST 1.75 /* a motion's first twist is reached after so many periods: later ones have that to spare */
 #define LEAD 0.5   /* a client that asks now will have its answer in so many periods */
 #define AHEAD 1.5  /* a line begins at most so many periods after its frame has come */
 #define WAITING 4  /* lines that are executed or wait for their time: no more begin within AHEAD */
@@ -206,7 +206,7 @@ static int is_sound(const Frame* frame, Told* told) {
     for (i = 0; i < 6; ++i) {
         const double a = frame->acceleration[i], v = frame->speed[i];
         if (!(a > 0 && v >= 0 && a - a == 0 && v - v == 0)) {
-            return refuse(told, why, "acceleration, speed: axis %d is %g, %g, allowed a positive number, and one of at least 0", i, a, v);
+            return refuse(told, why, "acceleration, speed: axis %d is %g, %g, allowed > 0 and >= 0", i, a, v);
         }
     }
     if (!ergoqp_client_priv_finite(frame->twist, 6) || !ergoqp_client_priv_finite(frame->from, 6) ||
