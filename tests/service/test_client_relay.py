@@ -182,6 +182,7 @@ def test_what_the_relay_refuses_is_not_acted_on(relay: Relay, fake: Fake, make: 
     assert step.reason == "relay: twist: it is faster than the speed limits"
     assert (client.refused, client.lost) == (1, 0)
     fake.answer = usual
+    time.sleep(0.1)  # a period, so that the next frame does not come too early
     assert client.step(START).fresh
     assert said(fake)[2] == 2
 
@@ -219,16 +220,21 @@ def test_a_relay_that_is_started_anew_knows_nothing(
     assert client.step(START).reason == f"relay: nobody answers at '{relay.path}'"
     assert client.relay_twist is None
     again = Relay(tmp_path / "r", to=relay.driver)
-    step = client.step(START)
-    assert not step.fresh
-    assert client.waits
-    assert step.reason.startswith("relay: it does not execute what was sent to it: call reset()")
-    assert client.relay_stands
-    client.reset()
-    step = client.step(START)
-    assert step.fresh, step.reason
-    again.process.kill()
-    again.process.wait()
+    try:
+        step = client.step(START)
+        assert not step.fresh
+        assert client.waits
+        assert step.reason.startswith("relay: it does not execute what was sent to it: call reset")
+        assert client.relay_stands
+        client.reset()
+        step = client.step(START)
+        assert step.fresh, step.reason
+        assert client.relay_stands  # when it was asked
+    finally:
+        again.process.kill()
+        again.process.wait()
+    assert not client.step(START).fresh
+    assert not client.relay_stands
 
 
 def test_the_frame_to_the_relay_is_that_of_the_answer(
@@ -330,6 +336,22 @@ def test_the_client_continues_from_where_the_relay_will_be(
     step = client.step(START)
     assert not step.fresh
     assert client.waits
+
+
+def test_with_a_relay_no_answer_of_the_service_is_too_old(
+    fake: Fake, fake_relay: FakeRelay, make: Make
+) -> None:
+    client = make(fake_relay)
+    client.reset()
+    assert client.step(START).fresh
+    usual = fake.answer
+
+    def slow(asked: bytes) -> bytes | None:
+        time.sleep(0.35)
+        return usual(asked)
+
+    fake.answer = slow
+    assert client.step(START).fresh
 
 
 def _refused(number: int, why: int, text: bytes = b"no") -> bytes:

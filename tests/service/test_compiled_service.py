@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 
 import numpy as np
 import pytest
 from service_running import Running
 
 import ergoqp
+from ergoqp.service.schema import REQUEST_HEAD, VERSION, Ask, Flag, request_frame
 from ergoqp.step.stepper import Stepper
 
 PROBLEM = ergoqp.load_problem("screwing")
@@ -77,19 +79,27 @@ def test_a_loop_has_one_commander(compiled_service: Running) -> None:
 
 @pytest.mark.slow
 def test_what_a_client_does_not_read_ends_its_connection(compiled_service: Running) -> None:
-    client = compiled_service.client("screwing.1")
-    client._longest = 60.0
-    client.reset()
-    assert client.step(START).fresh
-    assert client._socket is not None
-    for _ in range(200):
-        # A client that only asks: with sequences that grow, and acting on the last answer.
-        client._exchange(0.0, 17, 0.01, 0.0)
-        client._outstanding = 0
-        client._acted += 1
-        if client._socket is None:
-            break
-    assert client._socket is None
+    """It asks and asks, acting on answers that it has not read; nobody else has to wait for it."""
+    path = str(compiled_service.socket("screwing.1"))
+    layout, ended = request_frame(len(START)), False
+    frame = bytearray(layout.length)
+    layout.numbers(frame, "posture")[:] = START
+    n, usual = len(START), int(Flag.frame | Flag.enable)
+    with socket.socket(socket.AF_UNIX) as deaf:
+        deaf.settimeout(5.0)
+        deaf.connect(path)
+        for number in range(1, 2000):
+            # Each one begins anew, because the session is in an answer.
+            bits = usual | int(Flag.stands)
+            REQUEST_HEAD.pack_into(
+                frame, 0, len(frame), VERSION, Ask.step, 0, number, 0, 0, 0, bits, n, 0, 0.0, 0.01
+            )
+            try:
+                deaf.sendall(frame)
+            except (BrokenPipeError, ConnectionResetError):
+                ended = True
+                break
+    assert ended
     with compiled_service.client("screwing.1") as other:
         other.reset()
         assert other.step(START).fresh
