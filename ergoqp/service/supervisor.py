@@ -485,6 +485,8 @@ class Supervisor:
             if job.pid and not (job.last and _finished(job.pid)):
                 os.kill(job.pid, signal.SIGKILL)
                 os.waitpid(job.pid, 0)
+        for each in (self._door, self._to_door):
+            each.close()
         for name, listener in self.listeners.items():
             listener.close()
             if name in self._inherited:
