@@ -29,10 +29,10 @@ Figures:
   came until then.
 - ``back_s``: longest time from the end of a fault of the worker until a fresh answer moves the
   object again, minus the time of the stop, and of the robot's own way to rest after it was sent
-  zero (its delay and lag), if the loop had to wait for that. Wanted <= 0.3. ``supervisor_back_s``: the same for a
-  supervisor that is started again at once. Wanted <= 1. ``free.back_s``,
-  ``free.supervisor_back_s``: without the time in which supervisor and worker were ready to run, and
-  the machine gave its processors to others (`/proc/PID/schedstat`).
+  zero (its delay and lag), if the loop had to wait for that. Wanted <= 0.3.
+  ``supervisor_back_s``: the same for a supervisor that is started again at once. Wanted <= 1.
+- ``free.back_s``, ``free.supervisor_back_s``: without the time in which supervisor and worker were
+  ready to run, and the machine gave its processors to others (`/proc/PID/schedstat`).
 - ``exempt.acceleration_factor``, ``exempt.jerk_factor``: of programs that take over a motion (a
   reported twist has no slope, so the jerk is not held), and of clients without a relay that lie
   about what was executed. They do not count as unsafe for that, but for all else.
