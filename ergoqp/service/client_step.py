@@ -89,6 +89,8 @@ class Answer(Plan):
             return "with twists that are no numbers"
         if knots > KNOTS:
             return f"of {knots} knots, allowed {KNOTS}"
+        if knots and self.stop[knots - 1].any():
+            return "with a stop that does not end at rest"
         # Most stops have the same times; comparing views would cost more than copying them.
         seen, grow = self._bytes.tobytes(), last._grow
         if knots > grow or seen != last._seen:

@@ -445,6 +445,9 @@ static inline int ergoqp_client_priv_usable(ergoqp_client* c) {
             if (!(times[k] > before)) wrong = "with a stop whose times do not grow";
             before = times[k];
         }
+        for (k = 0; !wrong && head.knots > 0 && k < 6; ++k) {
+            if (stop[6 * (head.knots - 1) + k] != 0.0) wrong = "with a stop that does not end at rest";
+        }
     }
     if (!wrong) {
         ergoqp_client_priv_note_limits(c, head.rows);
