@@ -46,7 +46,6 @@ int main(int count, char** argument) {
         return 3;
     }
     client.timeout = 1.0;
-    client.explain = 0;
     ergoqp_client_defaults(&in);
     for (i = 0; i < 32; ++i)
         if (scanf("%lf", &start[i]) != 1) return 4;
