@@ -37,6 +37,8 @@ OF_STAMPS: Final = 2e-3
 AT: Final = 1e-6
 """Largest distance beyond a limit that is rounding [m, rad]."""
 _OPTIMAL, _SETTLED = 0, 1
+STANDING: Final = 0.002
+"""Speed below which the robot reports that it stands [m/s, rad/s]."""
 NEVER: Final = 99.0
 """Stands for a time that did not come in a trial [s]."""
 
@@ -148,6 +150,20 @@ def zero_since(folder: Path, since: float) -> float:
     robot = np.fromfile(folder / "robot", ROBOT)
     still = (robot["time"] >= since) & ~robot["command"].any(axis=1)
     return float(robot["time"][still][0]) if still.any() else np.inf
+
+
+def settles(loop: np.ndarray, folder: Path, fault: float) -> float:
+    """Return how long the robot itself took to stand after it was sent zero [s].
+
+    It is 0 if the loop did not have to wait for that.
+    """
+    begins = loop["time"][(loop["begins"] > 0) & (loop["time"] > fault)]
+    robot = np.fromfile(folder / "robot", ROBOT)
+    since = zero_since(folder, fault)
+    if not len(begins) or begins[0] < since:
+        return 0.0
+    stands = (robot["time"] >= since) & (np.abs(robot["velocity"]).max(axis=1) < STANDING)
+    return float(robot["time"][stands][0] - since) if stands.any() else 0.0
 
 
 def rest_late(loop: np.ndarray, folder: Path, fault: float, relayed: bool) -> float:

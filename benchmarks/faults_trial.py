@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.faults_judge import read_loop
+from benchmarks.faults_judge import STANDING, read_loop
 from benchmarks.faults_world import TICK, WAIT, World
 from ergoqp.native.compiled import program
 from ergoqp.service.c_header import header, relay_source
@@ -24,8 +24,6 @@ from ergoqp.service.client import Client, ServiceError
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 LOOP_NAME: Final = "world"
-STANDING: Final = 0.002
-"""Speed below which the robot reports that it stands [m/s, rad/s]."""
 _LONGEST: Final = 60.0
 _MOVES: Final = 0.03
 

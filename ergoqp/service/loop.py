@@ -27,6 +27,7 @@ from ergoqp.service.schema import (
 )
 from ergoqp.step.answer import Step
 from ergoqp.step.causes import Status
+from ergoqp.step.certification import longest_stop
 from ergoqp.step.guide import Guide
 from ergoqp.step.layout import SHORTEST_DT
 from ergoqp.step.rest import FIRM, UNKNOWN
@@ -49,6 +50,11 @@ RECEIVED, _COMPUTED, SENT, NOT_SENT = range(4)
 """What was done with bytes that arrived, as in ``c/exchange.c``."""
 _MOST_BRAKES: Final = 4096
 """Most periods that are braked for one request, which takes some 0.1 s."""
+_CALM: Final = 1.0
+"""How long a robot that stands is braked on [s], beside what is still under way: what follows of a
+longer rest is the same."""
+_MOST_TWISTS: Final = 8192
+"""Of a stop of more twists only every second, third, ... is computed."""
 _STALE: Final = 10
 """A reason in words is formed anew after so many steps."""
 
@@ -103,8 +109,8 @@ class Loop:
         self.coordinates, self.rows = len(problem.coordinates), len(problem.row_names)
         self.session, self.undone, self.moved = 0, 0, False
         self._engine, self._sequence = engine, 0
-        # State after an answer, and the period of its stop [s]; what is braked after one of them.
-        self._kept: dict[int, tuple[np.ndarray, float]] = {}
+        # State after an answer, the period of its stop [s] and its guide; what is braked after it.
+        self._kept: dict[int, tuple[np.ndarray, float, bytes | None]] = {}
         self._braked: tuple[int, int, np.ndarray] | None = None
         self._guide: bytes | None = None
         self._said: tuple[int, int, int, int] | None = None
@@ -127,7 +133,9 @@ class Loop:
         numbers(self._out, "acceleration")[:] = problem.twist_limit.acceleration
         numbers(self._out, "longest_dt")[:] = problem.longest_period
         self._words = frame.at["text"]
-        self._guided = stepper.guided
+        self._guided, self._first_guide = stepper.guided, stepper.place
+        robot = problem.robot
+        self._settling = _CALM + robot.dead_time + 10 * robot.lag
         stepper.warm_up()
         slices = stepper.slices
         self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
@@ -207,11 +215,11 @@ class Loop:
             InputError: if it is no state of this problem.
         """
         stepper = self.stepper
-        if self._guided and guide is not None and guide != self._guide:
+        if self._guided and guide != self._guide:
             self._take_guide(guide)
         stepper.restore(state)
         self.session, self._sequence, self._bits = session, acted, 0
-        self._kept, self._braked = {acted: (state, stepper.dt)}, None
+        self._kept, self._braked = {acted: (state, stepper.dt, self._guide)}, None
         self.disarm()
 
     def _begin(self, request: Request, bits: int) -> str:
@@ -219,6 +227,8 @@ class Loop:
         twist = request.twist if bits & Flag.takes_over else None
         if twist is not None and not (bits & Flag.twist and np.isfinite(twist).all()):
             return "takes_over: got no twist of six finite numbers, allowed the measured twist"
+        if self._guide is not None:
+            self._take_guide(None)
         self.stepper.reset(twist)
         self.session = int.from_bytes(os.urandom(7), "little") + 1
         self._kept, self._braked = {}, None
@@ -227,20 +237,27 @@ class Loop:
 
     def _continue_from(self, acted: int, followed: int) -> str:
         """Take back what was not executed, and brake what was; return why this cannot be."""
-        (state, period), done = self._kept[acted], 0
+        (state, period, guide), done = self._kept[acted], 0
         if self._braked is not None and self._braked[0] == acted and self._braked[1] <= followed:
             _, done, state = self._braked
         stepper = self.stepper
+        if guide != self._guide:
+            self._take_guide(guide)
         stepper.restore(state)
+        rest = 0
         for _ in range(min(followed - done, _MOST_BRAKES)):
             done += 1
-            if not stepper.brake(period).twist.any():
+            rest = 0 if stepper.brake(period).twist.any() else rest + 1
+            if rest * period > self._settling:
                 done = followed  # it stands, and goes on standing
                 break
         self.before = stepper.state() if done else state
         self._braked = (acted, done, self.before) if done else None
         if done < followed:
-            stepper.restore(self._kept[self._sequence][0])
+            state, _, guide = self._kept[self._sequence]
+            if guide != self._guide:
+                self._take_guide(guide)
+            stepper.restore(state)
             return f"{_UNKNOWN}: got {followed} periods of a stop"
         self.undone += acted != self._sequence
         return ""
@@ -328,7 +345,7 @@ class Loop:
         stepper = self.stepper
         state = stepper.state()
         kept = {acted: self._kept[acted]} if acted in self._kept else {}
-        kept[sequence] = state, period
+        kept[sequence] = state, period, self._guide
         self._kept, self._sequence, self.moved = kept, sequence, not stepper.still
         if self.direct:
             assert self._packing is not None
@@ -404,11 +421,11 @@ class Loop:
             self.turned = True
             self._take_guide(given)
 
-    def _take_guide(self, given: bytes) -> None:
-        """Take a guide: pose and promise, or nothing for none."""
+    def _take_guide(self, given: bytes | None) -> None:
+        """Take a guide: pose and promise, or nothing for none; None: that of the start."""
         self._guide = given
         if not given:
-            self.stepper.guide(None)
+            self.stepper.guide(self._first_guide if given is None else None)
             return
         numbers = np.frombuffer(given)
         promise = float(numbers[16])
@@ -418,6 +435,9 @@ class Loop:
 
     def _write_stop(self, period: float) -> int:
         """Write the certified stop into the answer; return the number of knots."""
+        most = longest_stop(self.stepper.problem, period)
+        if most > _MOST_TWISTS:
+            period *= (most - 2) // (_MOST_TWISTS - 2) + 1
         twists = self.stepper.stop(period)
         count = len(twists)
         if count <= KNOTS:

@@ -135,10 +135,11 @@ class Supervisor:
         self.folder, self._priority = folder, priority
         self.jobs: list[Job] = []
         self._problems = {each.name: each for each in problems}
-        self._locks: list[int] = []
+        self._locks: dict[Path, int] = {}
         self.listeners: dict[str, socket.socket] = {}
         self._inherited = inherited_sockets()
         self._compiler: Job | None = None
+        self._looked = time.monotonic()
         groups = [list(problems)[start::workers] for start in range(workers)]
         self._groups: list[list[Served | Text]] = [[*group] for group in groups if group]
         self._workers: list[Job] = []
@@ -153,11 +154,15 @@ class Supervisor:
         self._door, self._to_door = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._door.setblocking(False)
         self._json: socket.socket | None = None
-        for each in problems:
-            for name in each.loop_names:
-                self._lock(f"loop {name}", name)
-                kept = self._inherited.get(name)
-                self.listeners[name] = kept or self.listen(socket_path(folder, name))
+        try:
+            for each in problems:
+                for name in each.loop_names:
+                    self._lock(f"loop {name}", name)
+                    kept = self._inherited.get(name)
+                    self.listeners[name] = kept or self.listen(socket_path(folder, name))
+        except InputError:
+            self._close()
+            raise
         for number in range(len(self._groups)):
             self._add_worker(number)
         self._senders: list[socket.socket] = []
@@ -212,10 +217,12 @@ class Supervisor:
 
     def _lock(self, what: str, name: str) -> None:
         """Claim the name of a socket; the lock is held by this process and all that it forks."""
-        path = self.folder / f"{name}.lock"
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        path, lock = self.folder / f"{name}.lock", -1
         try:
+            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.ftruncate(lock, 0)
+            os.pwrite(lock, str(os.getpid()).encode(), 0)
         except BlockingIOError:
             holder = os.pread(lock, 20, 0).decode() or "another process"
             os.close(lock)
@@ -223,9 +230,14 @@ class Supervisor:
                 f"{what}: served by process {holder} in {str(self.folder)!r} already; end it,"
                 " or give another --dir"
             ) from None
-        self._locks.append(lock)
-        os.ftruncate(lock, 0)
-        os.pwrite(lock, str(os.getpid()).encode(), 0)
+        except OSError as error:
+            if lock >= 0:
+                os.close(lock)
+            raise InputError(
+                f"{what}: cannot make {str(path)!r}: {error.strerror}; give a folder of yours with"
+                " --dir"
+            ) from None
+        self._locks[path] = lock
 
     def listen(self, path: Path) -> socket.socket:
         """Return a listening socket that only this user can connect to.
@@ -233,8 +245,8 @@ class Supervisor:
         Raises:
             InputError: if it cannot be bound.
         """
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
+            listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             path.unlink(missing_ok=True)
             listener.bind(os.fspath(path))
             os.chmod(path, 0o600)
@@ -279,8 +291,12 @@ class Supervisor:
 
         def work() -> None:
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-            for each in self._problems.values():
-                each.prepare(compiled=True)
+            try:
+                for each in self._problems.values():
+                    each.prepare(compiled=True)
+            except ErgoqpError as error:
+                say(f"the step goes on interpreted: {error}")
+                os._exit(1)
 
         self._compiler = Job("compiler", work, again=False)
         self.jobs.append(self._compiler)
@@ -304,12 +320,17 @@ class Supervisor:
         self._rounds[number] = (self._rounds[number] + (-1 if back else 1)) % 256
 
     def _replace_what_hangs(self) -> None:
-        """End workers that have not gone round their loop for a while."""
+        """End workers that have not gone round their loop for a while.
+
+        If this process did not run itself (the machine slept, or all was stopped), neither did
+        they.
+        """
         now = time.monotonic()
+        slept, self._looked = now - self._looked > HANGS / 2, now
         for job in self.jobs:
             if job.worker is None or not job.pid:
                 continue
-            if self._beats[job.worker] != job.beat:
+            if slept or self._beats[job.worker] != job.beat:
                 job.beat, job.heard = self._beats[job.worker], now
             elif now - max(job.heard, job.began) > HANGS:
                 say(f"{job.name} did nothing for {HANGS:g} s, and is ended")
@@ -485,6 +506,12 @@ class Supervisor:
             if job.pid and not (job.last and _finished(job.pid)):
                 os.kill(job.pid, signal.SIGKILL)
                 os.waitpid(job.pid, 0)
+        self._close()
+
+    def _close(self) -> None:
+        """Close the sockets, and remove what stands for them in the folder."""
+        self._door.close()
+        self._to_door.close()
         for name, listener in self.listeners.items():
             listener.close()
             if name in self._inherited:
@@ -494,6 +521,9 @@ class Supervisor:
             self._json.close()
             socket_path(self.folder, JSON_DOOR).unlink(missing_ok=True)
             (self.folder / TOKEN_FILE).unlink(missing_ok=True)
+        for path, lock in self._locks.items():
+            path.unlink(missing_ok=True)
+            os.close(lock)
 
 
 def _how(code: int) -> str:
@@ -533,5 +563,6 @@ def _live(job: Job) -> NoReturn:
 
 
 def say(words: str) -> None:
-    """Write a line of the log."""
-    os.write(2, f"ergoqp serve: {words}\n".encode())
+    """Write a line of the log; nobody has to read it."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"ergoqp serve: {words}\n".encode())

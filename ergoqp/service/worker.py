@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import gc
 import json
 import os
@@ -20,6 +21,8 @@ from ergoqp.service.schema import HEAD, SPOKEN, VERSION, Ask, Tell, note
 _PEER: Final = struct.Struct("3i")
 _DIE_WITH_PARENT: Final = 1
 _LOCK_ALL: Final = 3
+_LEFT: Final = 2.0
+"""How long after its stop a loop that was left counts as moving [s]."""
 _ROUND: Final = 0.25
 """How often a worker says that it lives [s]."""
 
@@ -44,7 +47,7 @@ class Client:
 class Worker:
     """Loops, their listening sockets, and their clients.
 
-    A loop has one commander: the connection that sent its last step, until that connection ends.
+    A loop has one commander: the connection whose step is answered first, until it ends.
     What a client sends cannot end the worker. A frame that is none ends that client's connection.
     """
 
@@ -70,13 +73,26 @@ class Worker:
         self._commanders: dict[str, Client] = {}
         self._steps = dict.fromkeys(loops, 0)
         self._since = time.time()
+        # When the last commander of a loop left, and for how long its robot may move on [s].
+        self._left: dict[str, float] = {}
+        self._stops = {
+            name: loop.stepper.problem.stop.duration + _LEFT for name, loop in loops.items()
+        }
+        self._spare = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
         for number in self._listening:
             self._poll.register(number, select.EPOLLIN)
 
     @property
     def idle(self) -> bool:
         """Whether no loop has a commander, and no object moves."""
-        return not self._commanders and not any(loop.moved for loop in self._loops.values())
+        return not self._commanders and not any(map(self._moves, self._loops.values()))
+
+    def _moves(self, loop: Loop) -> bool:
+        """Whether the object of a loop may move: not if it was left for longer than its stop."""
+        if not loop.moved or loop.name in self._commanders:
+            return loop.moved
+        left = self._left.get(loop.name, 0.0)
+        return time.monotonic() - left < self._stops[loop.name]
 
     def run(self, goes_on: Callable[[bool], bool]) -> None:
         """Serve until the process ends, or is asked to make room.
@@ -101,8 +117,10 @@ class Worker:
     def _accept(self, listener: socket.socket, loop: Loop) -> None:
         try:
             connection, _ = listener.accept()
-        except OSError:  # it has gone already, or another worker took it
-            return
+        except OSError as error:
+            if error.errno in (errno.EMFILE, errno.ENFILE):
+                self._turn_away(listener)
+            return  # else it has gone already, or another worker took it
         pid, user, _ = _PEER.unpack(
             connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
         )
@@ -112,6 +130,16 @@ class Worker:
         connection.setblocking(False)
         self._clients[connection.fileno()] = Client(connection, loop, pid)
         self._poll.register(connection.fileno(), select.EPOLLIN)
+
+    def _turn_away(self, listener: socket.socket) -> None:
+        """End the connection for which no descriptor is left; else it would wake this for ever."""
+        os.close(self._spare)
+        try:
+            listener.accept()[0].close()
+        except OSError:
+            pass
+        finally:
+            self._spare = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
     def _receive(self, client: Client) -> None:
         """Read what has arrived, and answer every whole frame."""
@@ -168,13 +196,13 @@ class Worker:
     def _step(self, client: Client, sequence: int) -> None:
         loop = client.loop
         commander = self._commanders.get(loop.name)
-        if commander is not client:
-            if commander is not None:
-                words = f"loop {loop.name}: commanded by process {commander.pid} already"
-                self._send(client, note(Tell.refused, sequence, words))
-                return
-            self._commanders[loop.name] = client
+        if commander is not client and commander is not None:
+            words = f"loop {loop.name}: commanded by process {commander.pid} already"
+            self._send(client, note(Tell.refused, sequence, words))
+            return
         answer = loop.answer(client.request)
+        if commander is None and isinstance(answer, memoryview):  # a step, and no refusal
+            self._commanders[loop.name] = client
         self._send(client, answer)
         self._note(client, answer)
 
@@ -204,6 +232,7 @@ class Worker:
         client.filled = 0
         if self._commanders.get(client.loop.name) is client:
             del self._commanders[client.loop.name]
+            self._left[client.loop.name] = time.monotonic()
 
     def _described(self, loop: Loop, sequence: int) -> bytes:
         """Return what a client has to know about a loop, and how the loop is."""
@@ -214,7 +243,7 @@ class Worker:
             "steps": self._steps[loop.name],
             "taken_back": loop.undone,
             "commander": commander and commander.pid,
-            "moves": loop.moved,
+            "moves": self._moves(loop),
         }
         told = f'{self._descriptions[loop.name][:-1]}, "health": {json.dumps(health)}}}'
         return note(Tell.described, sequence, told, loop.session)

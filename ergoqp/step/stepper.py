@@ -35,7 +35,7 @@ from ergoqp.step.given import number, put, truth
 from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.layout import CLOCK_ROUNDING, SHORTEST_DT, History
 from ergoqp.step.model import StepModel, callers, check_spare, guarded
-from ergoqp.step.rest import stalled
+from ergoqp.step.rest import FIRM, UNKNOWN, stalled
 
 _ROUNDING: Final = 1e-9
 """Tolerance of the speed limits [m/s, rad/s]."""
@@ -292,6 +292,16 @@ class Stepper:
     def guided(self) -> bool:
         """Whether the stepper was made with a guide, so that it can have another one."""
         return self._guided
+
+    @property
+    def place(self) -> Guide | None:
+        """The place that the object is drawn to; None: there is none."""
+        usual, at = self._ready[0], self._at
+        if not self._guided or not usual[at["guided"]][0]:
+            return None
+        promise = float(usual[at["promise"]][0])
+        expected = None if promise in (UNKNOWN, FIRM) else promise
+        return Guide(usual[at["guide"]].reshape(4, 4).T.copy(), expected, promise == FIRM)
 
     @property
     def still(self) -> bool:

@@ -25,6 +25,7 @@ from ergoqp.service.schema import (
     answer_frame,
 )
 from ergoqp.step.causes import Cause, Status
+from ergoqp.step.guide import Guide
 from ergoqp.step.stepper import Stepper
 
 _HEAD_NAMES = [field.name for field in ANSWER[: len(ANSWER_HEAD.unpack(bytes(ANSWER_HEAD.size)))]]
@@ -262,11 +263,97 @@ def test_a_stop_of_an_hour_costs_no_more_than_the_stop(talk: Talk, made: Stepper
     answer = talk.ask(posture, USUAL, acted=acted, followed=360_000)
     assert answer.kind == Tell.step
     assert answer.marks & Mark.undone
-    assert len(calls) <= answer.knots + 60
+    assert len(calls) <= answer.knots + 160
     # The same again: what was braked is not braked again.
     calls.clear()
     talk.ask(posture, USUAL, acted=acted, followed=360_001)
     assert len(calls) <= 1
+
+
+def place(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+@pytest.fixture(scope="module")
+def guided() -> Stepper:
+    stepper = Stepper(PROBLEM, guide=Guide(place(0.4, -0.1, 1.1)))
+    stepper.warm_up()
+    return stepper
+
+
+def test_a_guide_whose_answer_was_lost_is_taken_anew(guided: Stepper) -> None:
+    """What was learned about the guide before belongs to the state, and not to the new one."""
+    own, talk = guided.sibling(), Talk(Loop("screwing", guided.sibling()))
+    first, second = place(0.45, -0.1, 1.2), place(0.35, -0.2, 1.0)
+    posture, bits = np.zeros(32), int(USUAL | Flag.guide)
+    posture[ergoqp.JOINTS.index("right_shoulder_flexion")] = 0.5
+    own.guide(Guide(first, 1.0))
+    more: dict[str, Any] = {"guide": first, "promise": 1.0}
+    answer = talk.ask(posture, bits | int(Flag.stands), **more)
+    step = own.step(posture)
+    for _ in range(1500):
+        np.testing.assert_array_equal(answer.twist, step.twist)
+        if answer.drawn:
+            break
+        answer = talk.ask(posture, bits, acted=talk.sequence, **more)
+        step = own.step(posture)
+    assert answer.drawn == step.drawn == 1
+    acted = talk.sequence
+    # Lost: the next guide. Lost again: no guide. Then the next guide once more.
+    talk.ask(posture, bits, acted=acted, guide=second, promise=1.0)
+    talk.ask(posture, int(USUAL | Flag.no_guide), acted=acted, followed=1)
+    answer = talk.ask(posture, bits, acted=acted, followed=2, guide=second, promise=1.0)
+    own.brake()
+    own.brake()
+    own.guide(Guide(second, 1.0))
+    step = own.step(posture)
+    np.testing.assert_array_equal(answer.twist, step.twist)
+    np.testing.assert_array_equal(talk.loop.stepper.state(), own.state())
+    # Lost: another guide. The client goes on with the one that it had.
+    acted = talk.sequence
+    talk.ask(posture, bits, acted=acted, **more)
+    answer = talk.ask(posture, bits, acted=acted, followed=1, guide=second, promise=1.0)
+    own.brake()
+    np.testing.assert_array_equal(answer.twist, own.step(posture).twist)
+    np.testing.assert_array_equal(talk.loop.stepper.state(), own.state())
+
+
+def test_a_beginning_has_the_guide_of_the_start(guided: Stepper) -> None:
+    own, talk = guided.sibling(), Talk(Loop("screwing", guided.sibling()))
+    talk.ask(START, USUAL | Flag.stands | Flag.no_guide)
+    assert talk.loop.stepper.place is None
+    for _ in range(3):
+        talk.ask(START, USUAL, acted=talk.sequence)
+    answer = talk.ask(START, USUAL | Flag.stands)
+    again = talk.loop.stepper.place
+    np.testing.assert_array_equal(again.pose, place(0.4, -0.1, 1.1))
+    assert (again.promise, again.firm) == (None, False)
+    np.testing.assert_array_equal(answer.twist, own.step(START).twist)
+    np.testing.assert_array_equal(talk.loop.stepper.state(), own.state())
+
+
+def test_a_stop_is_followed_while_anything_is_under_way() -> None:
+    """The robot is late: it moves on for a while after the last twist of the stop."""
+    late = PROBLEM.replace(robot=ergoqp.DeclaredRobot(delay=0.1, lag=0.1))
+    stepper = Stepper(late)
+    stepper.warm_up()
+    own, talk = stepper.sibling(), Talk(Loop("late", stepper.sibling()))
+    posture = START.copy()
+    step = own.step(posture)
+    talk.ask(posture, USUAL | Flag.stands)
+    for _ in range(40):
+        posture = posture + 0.01 * step.posture_rate
+        step = own.step(posture)
+        talk.ask(posture, USUAL, acted=talk.sequence)
+    stop = len(own.stop())
+    for _ in range(stop + 60):
+        own.brake()
+    step = own.step(posture)
+    answer = talk.ask(posture, USUAL, acted=talk.sequence, followed=stop + 60)
+    np.testing.assert_array_equal(answer.twist, step.twist)
+    np.testing.assert_array_equal(talk.loop.stepper.state(), own.state())
 
 
 def test_a_stop_is_followed_in_the_periods_of_its_answer(talk: Talk, made: Stepper) -> None:
@@ -288,6 +375,27 @@ def test_a_stop_is_followed_in_the_periods_of_its_answer(talk: Talk, made: Stepp
     step = own.step(START, dt=0.005)
     answer = talk.ask(START, USUAL, acted=acted, followed=5, dt=0.005)
     np.testing.assert_array_equal(answer.twist, step.twist)
+
+
+@pytest.mark.parametrize("way", ["machine code", "Python"])
+def test_the_longest_stop_ends_at_zero(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow object has more than 8192 periods of 1 ms to its rest."""
+    if way == "Python":
+        monkeypatch.setattr("ergoqp.service.loop.packing_of", lambda *_: None)
+    slow = ergoqp.limits.TwistLimit(linear_acceleration=0.02, angular_acceleration=0.06)
+    limits = [slow if isinstance(each, type(slow)) else each for each in PROBLEM.limits]
+    stepper = Stepper(PROBLEM.replace(limits=limits, dt=0.001))
+    talk = Talk(Loop("slow", stepper.sibling()))
+    answer = talk.ask(START, USUAL | Flag.takes_over | Flag.twist, twist=0.19, dt=0.001)
+    exact = talk.loop.stepper.stop()
+    assert len(exact) > 8192
+    stop = answer.stop.reshape(-1, 6)[: answer.knots]
+    assert not stop[-1].any()
+    times = answer.times[: answer.knots]
+    assert (np.diff(times) > 0).all()
+    assert times[-1] >= 0.001 * len(exact) - 1e-9
+    lines = np.interp(0.001 * np.arange(1, len(exact) + 1), times, stop[:, 0])
+    assert np.abs(lines - exact[:, 0])[1:].max() < 3e-4
 
 
 def test_a_stop_of_very_short_periods_does_not_hold_up_the_other_loops(talk: Talk) -> None:

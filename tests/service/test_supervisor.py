@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -20,9 +22,11 @@ import ergoqp
 from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
 from ergoqp.service import supervisor as module
+from ergoqp.service.client import Client
 from ergoqp.service.folder import private_folder, socket_path
 from ergoqp.service.served import served
 from ergoqp.service.supervisor import Job, Supervisor
+from ergoqp.service.worker import Worker
 
 START = np.array(ergoqp.load_problem("screwing").response.comfort)
 
@@ -159,14 +163,100 @@ def test_another_user_is_not_answered() -> None:
             each.chmod(0o777)
         script = (
             "import os, socket, sys; os.setuid(12345); s = socket.socket(socket.AF_UNIX);"
-            "s.settimeout(20); s.connect(sys.argv[1]); s.send(bytes.fromhex(sys.argv[2]))\n"
-            "try: told = s.recv(100)\n"
-            "except ConnectionResetError: told = b''\n"
+            "s.settimeout(20); s.connect(sys.argv[1])\n"
+            "try: s.send(bytes.fromhex(sys.argv[2])); told = s.recv(100)\n"
+            "except (ConnectionResetError, BrokenPipeError): told = b''\n"
             "sys.exit(10 + (told == b''))"
         )
         asked = (24).to_bytes(4, "little") + b"\1\0\1\0" + bytes(16)
         done = subprocess.run([sys.executable, "-c", script, str(path), asked.hex()], check=False)
         assert done.returncode == 11
+
+
+@pytest.mark.slow
+def test_a_log_that_nobody_reads_ends_nothing() -> None:
+    with tempfile.TemporaryDirectory(prefix="eqp") as folder:
+        command = [sys.executable, "-m", "ergoqp", "serve", "screwing", "--interpreted"]
+        process = subprocess.Popen([*command, "--dir", f"{folder}/s"], stderr=subprocess.PIPE)
+        assert process.stderr is not None
+        try:
+            assert b"loop screwing at" in process.stderr.readline()
+            process.stderr.close()
+            path = Path(folder) / "s" / "screwing.sock"
+
+            def worker() -> int:
+                with Client(path) as client:
+                    return client.description["health"]["pid"]
+
+            old = worker()
+            os.kill(old, signal.SIGKILL)
+            wait_for(lambda: worker() != old)
+            assert process.poll() is None
+        finally:
+            process.terminate()
+            assert process.wait(20) == 0
+        assert sorted(each.name for each in (Path(folder) / "s").iterdir()) == []
+
+
+def test_a_lock_that_cannot_be_made_has_a_sentence(tmp_path: Path) -> None:
+    folder = private_folder(tmp_path / "s")
+    (folder / "screwing.lock").symlink_to(tmp_path)
+    with pytest.raises(InputError, match=r"loop screwing: cannot make '.*screwing.lock'"):
+        Supervisor([served("screwing")], folder, 1)
+
+
+def test_without_a_descriptor_left_a_connection_is_turned_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise it would wake the worker for ever."""
+    with tempfile.TemporaryDirectory(prefix="eqp") as folder:
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(f"{folder}/x")
+        listener.listen(4)
+        problem = served("screwing")
+        worker = Worker(problem.loops(), {"screwing": listener}, {"screwing": "{}"})
+        client = socket.socket(socket.AF_UNIX)
+        client.connect(f"{folder}/x")
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        used = max(int(name) for name in os.listdir("/proc/self/fd")) + 1
+        free = [os.open(os.devnull, os.O_RDONLY) for _ in range(3)]
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (max([used, *free]) + 1, hard))
+            more = []
+            with contextlib.suppress(OSError):
+                while True:
+                    more.append(os.open(os.devnull, os.O_RDONLY))
+            worker._accept(listener, worker._loops["screwing"])
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+            for each in (*free, *more):
+                os.close(each)
+        client.settimeout(5)
+        assert client.recv(10) == b""
+        client.close()
+        listener.close()
+        worker._poll.close()
+
+
+def test_a_loop_that_was_left_moves_until_its_stop_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = served("screwing")
+    worker = Worker(problem.loops(), {}, {})
+    loop = worker._loops["screwing"]
+    now = [1000.0]
+    monkeypatch.setattr("ergoqp.service.worker.time.monotonic", lambda: now[0])
+    assert worker.idle
+    loop.moved = True
+    worker._left["screwing"] = now[0]
+    assert not worker.idle
+    now[0] += problem.problem.stop.duration + 1.0
+    assert not worker.idle
+    now[0] += 1.5
+    assert worker.idle
+    worker._commanders["screwing"] = object()  # type: ignore[assignment]
+    assert not worker.idle
+    worker._poll.close()
 
 
 def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,15 +269,25 @@ def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
         job.pid, job.began = 4242, time.monotonic()
         found._replace_what_hangs()
         assert not killed
-        time.sleep(0.15)
-        found._beats[0] = 7  # it went round its loop
-        found._replace_what_hangs()
-        time.sleep(0.15)
-        found._replace_what_hangs()
+        for beat in range(1, 8):  # it goes round its loop
+            time.sleep(0.05)
+            found._beats[0] = beat
+            found._replace_what_hangs()
+        for _ in range(2):
+            time.sleep(0.05)
+            found._replace_what_hangs()
         assert not killed
-        time.sleep(0.15)
+        time.sleep(0.05)
+        found._replace_what_hangs()
+        time.sleep(0.05)
+        found._replace_what_hangs()
+        time.sleep(0.05)
         found._replace_what_hangs()
         assert killed == [(4242, signal.SIGKILL)]
+        # The supervisor was stopped too, as by Ctrl-Z: nobody hung.
+        time.sleep(0.5)
+        found._replace_what_hangs()
+        assert len(killed) == 1
         job.pid = 0
     finally:
         found._end_all()

@@ -134,7 +134,8 @@ static int thinned(double (*twists)[6], int count, double dt, double* times, dou
     return chosen;
 }
 
-/* Write the outputs into the answer, and the stop of the new state with twists of `dt` seconds. Returns how many knots. */
+/* Write the outputs into the answer, and the stop of the new state with twists of `dt` seconds, or of whole multiples of it if
+ * there were more than MOST_TWISTS. Returns how many knots. */
 int ergoqp_tell(const exchange* x, double dt, int most) {
     static double twists[MOST_TWISTS][6];
     const double* state = x->results + x->from_state;
@@ -145,8 +146,12 @@ int ergoqp_tell(const exchange* x, double dt, int most) {
     turned(x->answer + x->at_pose, x->results + x->from_pose);
     memcpy(x->answer + x->at_rate, x->results + x->from_rate, (size_t)x->n * sizeof(double));
     memcpy(x->answer + x->at_copied, x->results + x->from_copied, (size_t)x->copied * sizeof(double));
-    count = ergoqp_stop_twists(state, x->planned, x->sent, x->average, dt, x->acceleration, twists,
-                               most < MOST_TWISTS ? most : MOST_TWISTS);
+    if (most > MOST_TWISTS) {
+        const int times_longer = (most - 2) / (MOST_TWISTS - 2) + 1;
+        dt *= times_longer;
+        most = (most - 2) / times_longer + 3;
+    }
+    count = ergoqp_stop_twists(state, x->planned, x->sent, x->average, dt, x->acceleration, twists, most);
     if (count > MOST_KNOTS) return thinned(twists, count, dt, times, stop);
     for (k = 0; k < count; ++k) times[k] = (k + 1) * dt;
     memcpy(stop, twists, (size_t)count * sizeof *twists);
