@@ -13,7 +13,7 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -109,17 +109,25 @@ class Feed:
     mark ``unrecorded``.
     """
 
-    def __init__(self, sender: socket.socket) -> None:
-        """Take the worker's end of a pair of sockets."""
+    def __init__(self, sender: socket.socket, loops: Collection[str]) -> None:
+        """Take the worker's end of a pair of sockets.
+
+        Args:
+            sender: that end.
+            loops: names of the loops that are recorded; the others of the worker are not.
+        """
         sender.setblocking(False)
         self._send = sender.sendmsg
         self._worker = int.from_bytes(os.urandom(7), "little") + 1
+        self._loops = frozenset(loops)
         self._fed: dict[str, _Fed] = {}
 
     def record(self, loop: Loop, request: Request, answer: bytes | memoryview) -> None:
         """Give a request and its answer to the recorder, now and then with the state before."""
         fed = self._fed.get(loop.name)
         if fed is None:
+            if loop.name not in self._loops:
+                return
             name = loop.name.encode()
             head = bytearray(_NAME.size + len(name) + MESSAGE_HEAD.size)
             _NAME.pack_into(head, 0, len(name))

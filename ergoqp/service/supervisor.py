@@ -262,20 +262,25 @@ class Supervisor:
         """Serve the loops of a group; this is a worker's whole life."""
         mine = self._workers[number].round
         group = [each.load() if isinstance(each, Text) else each for each in self._groups[number]]
+        # The record has the problems that the service was started with, and no others.
+        kept = [each for each in self._groups[number] if isinstance(each, Served) and self._senders]
+        recorded = [name for each in kept for name in each.loop_names]
         for each in group:
             each.prepare(bool(each.engine))
         said = settle_in(self._priority)
         loops, told = {}, {}
         for each in group:
             loops |= each.loops()
-            told |= {name: each.description(name) for name in each.loop_names}
+            told |= {name: each.description(name, name in recorded) for name in each.loop_names}
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
+        if self._senders and (others := [name for name in loops if name not in recorded]):
+            say(f"{', '.join(others)}: not recorded: its problem was sent by a client")
         listeners = {name: self.listeners[name] for name in loops}
         feed = None
-        if number < len(self._senders):
+        if recorded:
             from ergoqp.service.recorder import Feed
 
-            feed = Feed(self._senders[number])
+            feed = Feed(self._senders[number], recorded)
 
         def goes_on(idle: bool) -> bool:
             self._beats[number] = (self._beats[number] + 1) % 256

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from service_lines import COMFORT, Lines
 from service_recordings import Talk, messages, recording, rewritten
 from service_running import Running, running
 
@@ -344,6 +345,50 @@ def test_a_file_of_a_killed_service_is_readable(
     replayed = replay_record(path)
     assert replayed.steps > 50
     assert replayed.wrong == 0
+    assert record_lost(path) == 0
+
+
+@pytest.mark.slow
+def test_a_problem_that_is_loaded_is_not_recorded(folder: Path, screwing: Served) -> None:
+    path, text = folder / "loop.mcap", served("desk").text
+    arguments = ("screwing", "overhead", "--workers", "1", "--interpreted", "--record", str(path))
+    with running(folder / "s", *arguments) as service:
+        service.client().close()
+        recorder_of(service)
+
+        def step(loop: str, count: int) -> None:
+            with Lines.by_unix(service.folder) as lines:
+                for i in range(count):
+                    report = {"followed": 1000} if i else {"standing": True}
+                    said = {"loop": loop, "posture": COMFORT, **report}
+                    assert "twist" in lines.ask(step=said)
+                lines.ask(step={"loop": loop, "standing": True, "enable": False})
+
+        def load(name: str) -> None:
+            with Lines.by_unix(service.folder) as lines:
+                assert lines.ask(describe={"loop": "overhead"})["recorded"] is True
+                until = time.monotonic() + 20
+                while "loaded" not in (answer := lines.ask(load={"name": name, "problem": text})):
+                    assert time.monotonic() < until, answer
+                assert answer["recorded"] is False
+
+        for loop in ("screwing", "overhead"):
+            step(loop, 10)
+        load("screwing")
+        load("mine")
+        for loop in ("screwing", "overhead", "mine"):
+            step(loop, 10)
+    log = service.log.read_text()
+    for name in ("screwing", "mine"):
+        assert log.count(f"{name}: not recorded: its problem was sent by a client") == 1
+    replayed = replay_record(path)
+    assert {name: loop.steps for name, loop in replayed.loops.items()} == {
+        "screwing": 11,
+        "overhead": 22,
+    }
+    assert replayed.exact
+    assert replayed.equal == replayed.steps
+    assert all(not loop.missing for loop in replayed.loops.values())
     assert record_lost(path) == 0
 
 
