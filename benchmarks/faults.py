@@ -70,6 +70,7 @@ from benchmarks.report import Report, run
 from ergoqp.errors import ErgoqpError
 from ergoqp.service.record import Record, record_lost
 from ergoqp.service.replayed import record_wrong
+from ergoqp.service.worker import die_with_parent
 
 FAULT: Final = (0.05, 1.2)
 """When the fault comes, after the object began to move [s]."""
@@ -222,7 +223,7 @@ def _outcomes(report: Report, jobs: list[tuple[str, int]]) -> list[dict[str, Any
     known = {(each["kind"], each["seed"]) for each in done}
     done = [each for each in done if (each["kind"], each["seed"]) in set(jobs)]
     begun = time.monotonic()
-    with ProcessPoolExecutor(_SIDE_BY_SIDE) as pool:
+    with ProcessPoolExecutor(_SIDE_BY_SIDE, initializer=die_with_parent) as pool:
         running = [pool.submit(trial, *job, keep) for job in jobs if job not in known]
         for number, one in enumerate(as_completed(running), 1):
             found = one.result()

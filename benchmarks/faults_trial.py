@@ -21,6 +21,7 @@ from benchmarks.faults_world import TICK, WAIT, World
 from ergoqp.native.compiled import program
 from ergoqp.service.c_header import header, relay_source
 from ergoqp.service.client import Client, ServiceError
+from ergoqp.service.worker import die_with_parent
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 LOOP_NAME: Final = "world"
@@ -116,6 +117,7 @@ class Trial:
             words += ["--record", str(self.records[-1])]
 
         def limited() -> None:
+            die_with_parent()
             if self.limit_of_files is not None:
                 import resource
 
@@ -139,7 +141,9 @@ class Trial:
         numbers += [self.world.acceleration[0], self.world.acceleration[3]]
         numbers += list(self.world.pose.ravel())
         words = [at / "robot.sock", at / "state", at / "robot", at / "twists", *numbers]
-        self.robot = subprocess.Popen([str(built("robot")), *map(str, words)])
+        self.robot = subprocess.Popen(
+            [str(built("robot")), *map(str, words)], preexec_fn=die_with_parent
+        )
         self._await((at / "robot.sock").exists, "the robot")
         self._await(lambda: (at / "state").stat().st_size > 0, "the robot")
 
@@ -148,7 +152,7 @@ class Trial:
         command = [str(built("relay")), "--in", str(self.folder / "relay.sock"), "--rate", "1000"]
         command += ["--to", f"unix:{self.folder / 'robot.sock'}", "--fifo", "45"]
         with (self.folder / "relay.log").open("ab") as log:
-            self.relay = subprocess.Popen(command, stderr=log)
+            self.relay = subprocess.Popen(command, stderr=log, preexec_fn=die_with_parent)
         self._await((self.folder / "relay.sock").exists, "the relay")
 
     def start_loop(self, posture: np.ndarray | None = None, mischief: float = 1e9) -> None:
@@ -173,7 +177,9 @@ class Trial:
         words += [int(setup.naive), setup.begins, STANDING, world.robot.noise]
         words += limits if setup.own_limits else [0.0] * 4
         words += [setup.mischief, mischief, mischief + setup.lasts, setup.hold]
-        self.loops.append(subprocess.Popen([str(built("loop")), *map(str, words)]))
+        self.loops.append(
+            subprocess.Popen([str(built("loop")), *map(str, words)], preexec_fn=die_with_parent)
+        )
 
     def client(self, **options: Any) -> Client:
         """Return a client in Python, once the service is there."""

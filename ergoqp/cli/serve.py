@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ergoqp.cli.common import writing
 from ergoqp.cli.options import Guide, folder_of, option
 from ergoqp.errors import InputError
+from ergoqp.problem.load import find_problem, problem_names
 from ergoqp.service.c_header import header
 from ergoqp.service.folder import private_folder
 from ergoqp.service.recorder import check_record
@@ -129,7 +129,19 @@ def command(
     served_problems = [served(name, dt, loops) for name in problems]
     _check_names(served_problems)
     if systemd is not None:
-        _write_units(systemd, [loop for each in served_problems for loop in each.loop_names])
+        options = {
+            "--dt": dt,
+            "--loops": loops if loops > 1 else None,
+            "--workers": workers,
+            "--fifo": fifo,
+            "--compiled" if compiled else "--interpreted": compiled is not None,
+            "--guide": guide,
+            "--record": record,
+            "--tcp": tcp,
+        }
+        names = [loop for each in served_problems for loop in each.loop_names]
+        paths = [each if each in problem_names() else str(find_problem(each)) for each in problems]
+        _write_units(systemd, names, paths, options)
         return
     if guide is not None:
         from ergoqp.cli.run import guide_named  # slow to import, and rarely needed
@@ -159,13 +171,16 @@ def command(
     supervisor.run()
 
 
-def _write_units(folder: Path, loops: list[str]) -> None:
-    """Write units whose service has the present arguments, but the one that asked for them."""
-    arguments, skip = [], False
-    for word in sys.argv[2:]:
-        if not (skip or word.startswith("--systemd")):
-            arguments.append(os.path.abspath(word) if word.endswith((".toml", ".mcap")) else word)
-        skip = word == "--systemd"
+def _write_units(folder: Path, loops: list[str], problems: list[str], options: Any) -> None:
+    """Write units of a service with these problems and options; paths become absolute."""
+    arguments = [os.path.abspath(each) if each.endswith(".toml") else each for each in problems]
+    for name, value in options.items():
+        if value is None or value is False:
+            continue
+        is_path = isinstance(value, Path) or (name == "--guide" and value != "best")
+        arguments.append(name)
+        if value is not True:
+            arguments.append(os.path.abspath(value) if is_path else str(value))
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in units(loops, arguments).items():

@@ -129,6 +129,7 @@ class Client:
         self._followed, self._dt_of_answer = 0.0, self.dt
         self._session = self._sequence = self._acted = 0
         self._begin = self._hold = self._again = self._place = 0
+        self._paused = False  # since it moved, and nobody has reported what the robot does
         self._head = ANSWER_HEAD.unpack_from(self._next.view)
         self._pending: tuple[int, int, float] | None = None
         self._acceleration = np.array(self.description["acceleration"], dtype=float)
@@ -243,7 +244,7 @@ class Client:
         self._plan = ramp(moves, self._acceleration, self.dt)
         self._begin, self._followed, self._dt_of_answer = begin, 0.0, self.dt
         self._session = self._again = self._hold = 0
-        self._pending = None
+        self._pending, self._paused = None, False
 
     def hold(self) -> None:
         """Bring the object to rest and keep it there until `try_again` or `reset`."""
@@ -309,7 +310,9 @@ class Client:
             else:
                 self._followed += period / self._dt_of_answer
             twist = self._plan.at(self._followed * self._dt_of_answer)
-            return ClientStep(twist, "braking", self._why, False, start, self._kept, self._names)
+            why, send = self._why, relay is None and not self._paused
+            kept, names = self._kept, self._names
+            return ClientStep(twist, "braking", why, False, start, kept, names, send=send)
         _, _, _, session, sequence, _, drawn, status, _, reason, _, _, _, _, computed = self._head
         self._adopt(session, sequence, period)
         self._again = 0
@@ -325,6 +328,7 @@ class Client:
             self._names,
             computed,
             drawn,
+            relay is None,
         )
 
     def _pass(self, gap: float) -> bool:
@@ -336,6 +340,7 @@ class Client:
         moves = self._session != 0 or self._begin == _TAKES_OVER
         if moves:
             self._forget()
+            self._paused = True
             self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
             periods = self._followed + max(0.0, gap / self._dt_of_answer - 1.0)
             self._followed = min(periods, _MOST)

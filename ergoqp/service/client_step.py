@@ -89,6 +89,8 @@ class Answer(Plan):
             return "with twists that are no numbers"
         if knots > KNOTS:
             return f"of {knots} knots, allowed {KNOTS}"
+        if knots and self.stop[knots - 1].any():
+            return "with a stop that does not end at rest"
         # Most stops have the same times; comparing views would cost more than copying them.
         seen, grow = self._bytes.tobytes(), last._grow
         if knots > grow or seen != last._seen:
@@ -110,6 +112,8 @@ class ClientStep:
         fresh: whether the service answered in time. Otherwise the twist is the next one of the
             stop that came with the last answer.
         solve_time: duration of the call [s].
+        send: whether the robot is to be sent the twist. Not where a relay moves it; and not after a
+            pause in which a robot may have slowed down by itself, until `Client.reset`.
         computed: time that the step took in the service [s]; 0 if it is not fresh.
     """
 
@@ -124,10 +128,11 @@ class ClientStep:
         names: Mapping[str, tuple[str, ...]],
         computed: float = 0.0,
         drawn: int = 0,
+        send: bool = True,
     ) -> None:
         """Keep the bytes of the last answer; members are read from them on demand."""
         self.twist, self.status, self.reason, self.fresh = twist, status, reason, fresh
-        self.computed, self.drawn = computed, drawn
+        self.computed, self.drawn, self.send = computed, drawn, send
         self._frame, self._layout, self._names = bytes(answer.view), answer.layout, names
         self.solve_time = time.perf_counter() - start
 

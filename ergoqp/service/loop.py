@@ -111,7 +111,7 @@ class Loop:
         self._engine, self._sequence = engine, 0
         # State after an answer, the period of its stop [s] and its guide; what is braked after it.
         self._kept: dict[int, tuple[np.ndarray, float, bytes | None]] = {}
-        self._braked: tuple[int, int, np.ndarray] | None = None
+        self._braked: tuple[int, int, np.ndarray, int] | None = None
         self._guide: bytes | None = None
         self._said: tuple[int, int, int, int] | None = None
         self._text, self._since = bytes(TEXT), 0
@@ -237,22 +237,21 @@ class Loop:
 
     def _continue_from(self, acted: int, followed: int) -> str:
         """Take back what was not executed, and brake what was; return why this cannot be."""
-        (state, period, guide), done = self._kept[acted], 0
+        (state, period, guide), done, rest = self._kept[acted], 0, 0
         if self._braked is not None and self._braked[0] == acted and self._braked[1] <= followed:
-            _, done, state = self._braked
+            _, done, state, rest = self._braked
         stepper = self.stepper
         if guide != self._guide:
             self._take_guide(guide)
         stepper.restore(state)
-        rest = 0
         for _ in range(min(followed - done, _MOST_BRAKES)):
-            done += 1
-            rest = 0 if stepper.brake(period).twist.any() else rest + 1
             if rest * period > self._settling:
                 done = followed  # it stands, and goes on standing
                 break
+            done += 1
+            rest = 0 if stepper.brake(period).twist.any() else rest + 1
         self.before = stepper.state() if done else state
-        self._braked = (acted, done, self.before) if done else None
+        self._braked = (acted, done, self.before, rest) if done else None
         if done < followed:
             state, _, guide = self._kept[self._sequence]
             if guide != self._guide:

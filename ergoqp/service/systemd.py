@@ -50,6 +50,14 @@ def inherited_sockets() -> dict[str, socket.socket]:
     return found
 
 
+def _quoted(word: str) -> str:
+    """Return a word of a command as systemd reads it."""
+    word = word.replace("%", "%%").replace("$", "$$")
+    if any(letter in word for letter in " \t\"'\\;"):
+        word = '"' + word.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return word
+
+
 def units(loops: list[str], arguments: list[str]) -> dict[str, str]:
     """Return the units of a service by file name: one socket for each loop, and the service.
 
@@ -76,7 +84,8 @@ WantedBy=sockets.target
 """
         for loop in loops
     }
-    command = " ".join([str(Path(sys.executable)), "-m", "ergoqp", "serve", *arguments])
+    words = [str(Path(sys.executable)), "-m", "ergoqp", "serve", *arguments]
+    command = " ".join(map(_quoted, words))
     service = f"""[Unit]
 Description=Control steps of ergoqp
 Requires={" ".join(sockets)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import socket
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 
 import ergoqp
 from ergoqp.cli.main import execute
+from ergoqp.registry import data_folder
 from ergoqp.service.client import Client
 
 
@@ -67,22 +69,32 @@ def test_it_takes_the_manager_s_sockets_and_tells_it_that_it_lives() -> None:
 def test_the_units_are_those_of_the_arguments(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments = ["serve", "desk", "--loops", "2", "--systemd", str(tmp_path / "u"), "--dt", "0.02"]
-    monkeypatch.setattr(sys, "argv", ["ergoqp", *arguments])
-    assert execute(arguments) == 0
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / "my place" / "mine.toml"
+    mine.parent.mkdir()
+    mine.write_text((data_folder("problems") / "desk.toml").read_text())
+    arguments = ["serve", "desk", "my place/mine.toml", "--loops", "2", "--systemd", "u"]
+    assert execute([*arguments, "--dt=0.02", "--interpreted", "--guide", "place.json"]) == 0
     assert "systemctl --user enable --now ergoqp-desk.0.socket" in capsys.readouterr().out
     files = sorted(path.name for path in (tmp_path / "u").iterdir())
-    assert files == ["ergoqp-desk.0.socket", "ergoqp-desk.1.socket", "ergoqp.service"]
+    names = ("desk.0", "desk.1", "mine.0", "mine.1")
+    assert files == [*(f"ergoqp-{name}.socket" for name in names), "ergoqp.service"]
     service = (tmp_path / "u" / "ergoqp.service").read_text()
-    assert "-m ergoqp serve desk --loops 2 --dt 0.02\n" in service
+    told = next(line for line in service.splitlines() if line.startswith("ExecStart="))
+    # systemd quotes as a shell does.
+    words = shlex.split(told.removeprefix("ExecStart="))
+    assert words[1:] == [
+        *("-m", "ergoqp", "serve", "desk", str(mine), "--dt", "0.02", "--loops", "2"),
+        *("--interpreted", "--guide", str(tmp_path / "place.json")),
+    ]
     assert "Type=notify" in service
     if shutil.which("systemd-analyze"):
         paths = [str(tmp_path / "u" / name) for name in files]
-        told = subprocess.run(
+        found = subprocess.run(
             ["systemd-analyze", "verify", "--user", *paths],
             capture_output=True,
             text=True,
             check=False,
         )
-        ours = [line for line in told.stderr.splitlines() if "/u/ergoqp" in line]
-        assert not ours, told.stderr
+        ours = [line for line in found.stderr.splitlines() if "/u/ergoqp" in line]
+        assert not ours, found.stderr

@@ -91,6 +91,7 @@ typedef struct {
 typedef struct {
     double twist[6];   /* send this [m/s, rad/s] */
     int fresh;         /* 1: the service answered in time */
+    int send;          /* 1: send it; 0: a relay moves the robot, or after a pause it may have slowed down by itself */
     uint32_t status;   /* ERGOQP_CLIENT_STATUS_...; braking if it is not fresh */
     uint32_t causes;   /* bit 1u << ERGOQP_CLIENT_CAUSE_...: what was not used, and why */
     uint32_t reason;   /* number of the reason, 0: none; in words: ergoqp_client_reason */
@@ -133,7 +134,7 @@ typedef struct {
 
     /* The rest is the client's own. */
     char path[sizeof(((struct sockaddr_un*)0)->sun_path)], relay_path[sizeof(((struct sockaddr_un*)0)->sun_path)];
-    int has_relay, called;
+    int has_relay, called, paused;
     uint32_t coordinates, followed, begin, holds, place;
     double dt;
     int64_t called_at;
@@ -343,6 +344,7 @@ static inline void ergoqp_client_priv_time(ergoqp_client* c, int64_t now) {
     const int is_known = c->session || c->begin == ERGOQP_CLIENT_FLAG_TAKES_OVER;
     if (is_known && !c->has_relay && gap > (c->longest_dt > 0 ? c->longest_dt : c->told_longest)) {
         ergoqp_client_priv_forget(c);
+        c->paused = 1;
         /* A robot that has a timeout slowed down meanwhile. It must not be sent the speed that it had before. */
         ergoqp_client_priv_pass(c, gap / c->dt - 1.0);
         snprintf(c->why, sizeof c->why, "%.2f s passed between two calls: %s", gap, ERGOQP_CLIENT_REPORT);
@@ -444,6 +446,9 @@ static inline int ergoqp_client_priv_usable(ergoqp_client* c) {
         for (k = 0; !wrong && k < head.knots; ++k) {
             if (!(times[k] > before)) wrong = "with a stop whose times do not grow";
             before = times[k];
+        }
+        for (k = 0; !wrong && head.knots > 0 && k < 6; ++k) {
+            if (stop[6 * (head.knots - 1) + k] != 0.0) wrong = "with a stop that does not end at rest";
         }
     }
     if (!wrong) {
@@ -625,6 +630,7 @@ static inline int ergoqp_client_priv_call(ergoqp_client* c, const ergoqp_client_
         c->last.status = ERGOQP_CLIENT_STATUS_BRAKING;
         memset(c->last.posture_rate, 0, sizeof c->last.posture_rate);
     }
+    c->last.send = !c->has_relay && !c->paused;
     memcpy(c->current, c->last.twist, sizeof c->current);
     *out = c->last;
     return fresh;
@@ -641,6 +647,7 @@ static inline void ergoqp_client_priv_begin(ergoqp_client* c, uint32_t how, cons
     memcpy(c->previous, c->plan.twist, sizeof c->previous);
     memcpy(c->current, c->plan.twist, sizeof c->current);
     c->session = c->pending = 0;
+    c->paused = 0;
     c->followed = c->holds = 0;
     c->begin = how;
     /* From here on the time of a motion counts. A robot that stands may do so for any time. */
