@@ -33,8 +33,8 @@ class Recording:
 
     def work(self) -> None:
         """Begin with loops as a new worker does."""
-        self.feed = Feed(self.sender)
         loops = {name: loop for each in self.problems for name, loop in each.loops().items()}
+        self.feed = Feed(self.sender, loops, self.recorder.tally)
         self.talks = {name: Talk(loop, self.feed) for name, loop in loops.items()}
 
     def again(self) -> None:

@@ -156,7 +156,7 @@ class Command:
         kind = HEAD.unpack_from(answer)[2]
         if kind != Tell.step:
             raise self._refusal(kind, bytes(answer[ANSWER_HEAD.size :]))
-        return self._told(answer, dt)
+        return self._told(answer)
 
     def close(self) -> None:
         """Give the loop free."""
@@ -256,7 +256,7 @@ class Command:
                 f' periods of its stop the robot executed by "followed", or {_REPORT}'
             )
 
-    def _told(self, answer: bytes | memoryview, dt: float) -> dict[str, Any]:
+    def _told(self, answer: bytes | memoryview) -> dict[str, Any]:
         """Return an answer as it is written, and note what the robot executes now."""
         frame, session = bytes(answer), HEAD.unpack_from(answer)[3]
         head = ANSWER_HEAD.unpack_from(frame)
@@ -270,7 +270,8 @@ class Command:
         if self._clock is not None:
             self._answered = self._clock()
         self._session, self._acted = session, self._sequence
-        self._period, self._lasts = dt, float(times[-1]) if knots else 0.0
+        # The period of the stop is not the one of the request where that was out of range.
+        self._period, self._lasts = map(float, times[[0, -1]] if knots else (self._dt, 0.0))
         return {
             "twist": part("twist").tolist(),
             "status": Status(status).name,

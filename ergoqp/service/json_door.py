@@ -30,6 +30,9 @@ from ergoqp.service.tcp import Entry, admit, forward
 MOST_CONNECTIONS: Final = 32
 """Most connections at once by each of the Unix socket and TCP."""
 
+MOST_STRANGERS: Final = 16
+"""Most connections by TCP at once that have not sent the token; one more ends the oldest."""
+
 LONGEST_WAIT: Final = 10.0
 """How long a line may take from its first byte to its end [s]."""
 
@@ -179,6 +182,7 @@ class JsonDoor:
         self._loops, self._folder, self._token = loops, folder, token
         self._unix, self._tcp = unix, list(tcp)
         self._room = {True: MOST_CONNECTIONS, False: MOST_CONNECTIONS}
+        self._strangers: list[socket.socket] = []
         self._lock = threading.Lock()
 
     def run(self) -> None:
@@ -203,6 +207,17 @@ class JsonDoor:
             label = f"process {pid} (JSON)"
         else:
             label = f"{peer[0]} port {peer[1]} (TCP)" if isinstance(peer, tuple) else "TCP"
+        if by_unix and not self._take_place(connection, by_unix):
+            connection.close()
+            return
+        if not by_unix:
+            self._add_stranger(connection)
+        threading.Thread(
+            target=self._serve, args=(connection, by_unix, label), name=label, daemon=True
+        ).start()
+
+    def _take_place(self, connection: socket.socket, by_unix: bool) -> bool:
+        """Take one of the places; return whether there was one."""
         with self._lock:
             full = not self._room[by_unix]
             self._room[by_unix] -= not full
@@ -211,35 +226,52 @@ class JsonDoor:
             connection.setblocking(False)
             with suppress(OSError):
                 connection.send(write_line({"error": words}))
-            connection.close()
-            return
-        threading.Thread(
-            target=self._serve, args=(connection, by_unix, label), name=label, daemon=True
-        ).start()
+        return not full
+
+    def _add_stranger(self, connection: socket.socket) -> None:
+        """Note a connection that has not sent the token; if there are too many, end the oldest."""
+        with self._lock:
+            self._strangers.append(connection)
+            oldest = self._strangers.pop(0) if len(self._strangers) > MOST_STRANGERS else None
+        if oldest is not None:
+            with suppress(OSError):  # its thread finds it ended, and closes it
+                oldest.shutdown(socket.SHUT_RDWR)
 
     def _serve(self, connection: socket.socket, by_unix: bool, label: str) -> None:
+        has_place = by_unix
         try:
             with connection:
                 if by_unix:
                     self._converse(connection, label, b"", patient=True)
-                else:
-                    self._enter(connection, label)
+                elif (entry := self._admit(connection)) is not None:
+                    has_place = self._take_place(connection, by_unix)
+                    if has_place:
+                        self._enter(connection, entry, label)
         except OSError:  # the client has gone, or does not read
             pass
         finally:
             with self._lock:
-                self._room[by_unix] += 1
+                self._room[by_unix] += has_place
 
-    def _enter(self, connection: socket.socket, label: str) -> None:
-        """Serve a connection by TCP, once it has sent the token."""
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        entry = admit(connection, self._token, self._loops.names)
-        if not isinstance(entry, Entry):
+    def _admit(self, connection: socket.socket) -> Entry | None:
+        """Return what a connection by TCP asks for, once it has sent the token."""
+        try:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            entry = admit(connection, self._token, self._loops.names)
+            if isinstance(entry, Entry):
+                return entry
             if entry:
                 connection.settimeout(STUCK)
                 connection.sendall(write_line({"error": entry}))
-        elif entry.loop is None:
+            return None
+        finally:
+            with self._lock, suppress(ValueError):  # it was ended for another one
+                self._strangers.remove(connection)
+
+    def _enter(self, connection: socket.socket, entry: Entry, label: str) -> None:
+        """Serve a connection by TCP that has sent the token."""
+        if entry.loop is None:
             self._converse(connection, label, entry.rest, patient=False)
         else:
             forward(connection, socket_path(self._folder, entry.loop), entry.rest)

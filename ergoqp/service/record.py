@@ -171,7 +171,7 @@ def loop_metadata(served: Served, loop: str) -> dict[str, str]:
         "machine": machine(),
         "compiler": has_compiler(),
         "python": platform.python_version(),
-        "description": served.description(loop),
+        "description": served.description(loop, recorded=True),
         **versions(),
     }
 

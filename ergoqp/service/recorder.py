@@ -13,7 +13,7 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,8 +86,32 @@ _VIEW: Final = 1 / 30
 _ROUND: Final = 256
 """Messages of one worker that are read before it is the next one's turn."""
 
+_MARKS: Final = 4
+"""Numbers of a loop that a recorder tells the next one."""
+
 _SLOTS: Final = 64
 """Chunks about whose end a recorder tells the next one."""
+
+
+_NAMED: Final = 8
+"""Most loops that a line of the log names."""
+
+
+class Tally:
+    """How many answers of each loop its workers gave so far, in memory that all processes share."""
+
+    def __init__(self, loops: Sequence[str]) -> None:
+        """Begin at zero."""
+        self._places = {name: i for i, name in enumerate(loops)}
+        self._counts = memoryview(mmap.mmap(-1, 8 * max(1, len(loops)))).cast("Q")
+
+    def __getitem__(self, loop: str) -> int:
+        """Return the count of a loop."""
+        return self._counts[self._places[loop]]
+
+    def add(self, loop: str) -> None:
+        """Count one answer."""
+        self._counts[self._places[loop]] += 1
 
 
 @dataclass
@@ -109,17 +133,26 @@ class Feed:
     mark ``unrecorded``.
     """
 
-    def __init__(self, sender: socket.socket) -> None:
-        """Take the worker's end of a pair of sockets."""
+    def __init__(self, sender: socket.socket, loops: Collection[str], tally: Tally) -> None:
+        """Take the worker's end of a pair of sockets.
+
+        Args:
+            sender: that end.
+            loops: names of the loops that are recorded; the others of the worker are not.
+            tally: counts their answers.
+        """
         sender.setblocking(False)
         self._send = sender.sendmsg
         self._worker = int.from_bytes(os.urandom(7), "little") + 1
+        self._loops, self._tally = frozenset(loops), tally
         self._fed: dict[str, _Fed] = {}
 
     def record(self, loop: Loop, request: Request, answer: bytes | memoryview) -> None:
         """Give a request and its answer to the recorder, now and then with the state before."""
         fed = self._fed.get(loop.name)
         if fed is None:
+            if loop.name not in self._loops:
+                return
             name = loop.name.encode()
             head = bytearray(_NAME.size + len(name) + MESSAGE_HEAD.size)
             _NAME.pack_into(head, 0, len(name))
@@ -138,6 +171,7 @@ class Feed:
             fed.head, fed.at, self._worker, fed.number, fed.lost, now, asked, told, count, kind
         )
         fed.number += 1
+        self._tally.add(loop.name)
         try:
             self._send(parts)
         except OSError:
@@ -294,15 +328,16 @@ class _Loop:
     worker: int
     end: int
     lost: int
+    recorded: int
     viewed: float = -1.0
     counts: dict[str, int] = field(
         default_factory=lambda: dict.fromkeys(("steps", "lost", "dropped", "gone"), 0)
     )
 
     @property
-    def mark(self) -> tuple[int, int, int]:
+    def mark(self) -> tuple[int, int, int, int]:
         """What the next recorder has to know."""
-        return self.worker, self.end, self.lost
+        return self.worker, self.end, self.lost, self.recorded
 
 
 class Recorder:
@@ -329,9 +364,11 @@ class Recorder:
         """
         self.path, self._receivers, self._problems, self._say = path, receivers, problems, say
         self._names = [name for each in problems for name in each.loop_names]
+        self.tally = Tally(self._names)
         # It outlives this process: for each of the last chunks its end in the file, and by loop the
-        # worker, the end of its numbers in the chunk, and how many it had counted as lost by then.
-        numbers = 1 + 3 * len(self._names)
+        # worker, the end of its numbers in the chunk, how many it had counted as lost by then, and
+        # how many steps were recorded by then, in all files.
+        numbers = 1 + _MARKS * len(self._names)
         memory = mmap.mmap(-1, 8 * _SLOTS * numbers)
         self._ends = np.frombuffer(memory, np.uint64).reshape(_SLOTS, numbers)
         self._chunks = self._held = 0
@@ -343,9 +380,11 @@ class Recorder:
         gc.freeze()
         ended: list[int] = []
         signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
+        disk, path = None, self.path
         try:
             disk = self.begin()
-            self._say(f"recorded in {str(disk.path)!r}: process {os.getpid()}")
+            path = disk.path
+            self._say(f"recorded in {str(path)!r}: process {os.getpid()}")
             self._write_until(ended, disk)
             self.finish()
             error = disk.error
@@ -353,10 +392,17 @@ class Recorder:
             error = found
         if error is None:
             return
-        self._say(f"the recording has ended: {error.strerror}, {str(self.path)!r}; loops go on")
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        while True:  # what is lost from now on is counted by the workers
-            signal.pause()
+        self._say(f"the recording has ended: {error.strerror}, {str(path)!r}; loops go on")
+        if disk is None:  # no file could be opened
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            while True:
+                signal.pause()
+        self._say(f"until then {self.told()}")
+        # The workers count what is lost from now on.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        if not ended:
+            signal.sigwait({signal.SIGTERM})
+        self._say(f"at the end {self.told()}")
 
     def begin(self) -> Disk:
         """Open a new file, and write what it begins with.
@@ -381,7 +427,7 @@ class Recorder:
                 self._file.add_metadata(LOOP_METADATA + name, loop_metadata(served, name))
                 told = json.loads(served.description(name))
                 coordinates, rows = told["coordinates"], told["rows"]
-                worker, end, lost = before[self._names.index(name)]
+                worker, end, lost, recorded = before[self._names.index(name)]
                 sizes = {"loop": name, "coordinates": str(len(coordinates)), "rows": str(len(rows))}
                 sizes["names"] = json.dumps(coordinates)
                 self._loops[name] = _Loop(
@@ -395,6 +441,7 @@ class Recorder:
                     worker,
                     end,
                     lost,
+                    recorded,
                 )
         self._add_counts()
         self.end_chunk()
@@ -403,12 +450,33 @@ class Recorder:
     def _take_over(self) -> list[list[int]]:
         """Return by loop what a recorder before this one has in its file, and begin anew."""
         sizes = [each.stat().st_size for each in [self._disk.before] if each is not None]
-        whole = self._ends[self._ends[:, 0] <= (sizes or [0])[0]]
-        last = whole[np.argmax(whole[:, 0])] if len(whole) else np.zeros_like(self._ends[0])
+        last = self._last_whole((sizes or [0])[0])
         self._ends[:] = 0
-        self._ends[:, 1:] = last[1:]
+        self._ends[:, 1:] = last
         self._chunks = 0
-        return last[1:].reshape(-1, 3).tolist()
+        return last.reshape(-1, _MARKS).tolist()
+
+    def _last_whole(self, size: int) -> np.ndarray:
+        """Return what was told about the last chunk of a file of so many bytes."""
+        whole = self._ends[self._ends[:, 0] <= size]
+        last = whole[np.argmax(whole[:, 0])] if len(whole) else np.zeros_like(self._ends[0])
+        return last[1:].copy()
+
+    def told(self) -> str:
+        """Return how many steps of each loop are in the files by now, and how many are not."""
+        recorded = self._last_whole(self._disk.written).reshape(-1, _MARKS)[:, 3].tolist()
+        counts = {
+            name: (number, self.tally[name] - number)
+            for name, number in zip(self._names, recorded, strict=True)
+        }
+        if len(counts) > _NAMED:
+            others = list(counts)[_NAMED:]
+            both = [counts.pop(name) for name in others]
+            counts[f"{len(others)} other loops"] = sum(n for n, _ in both), sum(m for _, m in both)
+        return "; ".join(
+            f"{name}: {number} steps are recorded, {missing} are not"
+            for name, (number, missing) in counts.items()
+        )
 
     def _write_until(self, ended: Sequence[int], disk: Disk) -> None:
         """Write what arrives, in chunks of at most some time."""
@@ -477,6 +545,7 @@ class Recorder:
         )
         self._held += len(message)
         loop.counts["steps"] += 1
+        loop.recorded += 1
         now = 1e-9 * step.time_ns
         if not 0 <= now - loop.viewed < _VIEW and (view := _view(loop, step)) is not None:
             loop.viewed = now

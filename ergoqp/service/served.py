@@ -78,7 +78,7 @@ class Served:
             for name in self.loop_names
         }
 
-    def description(self, loop: str) -> str:
+    def description(self, loop: str, recorded: bool = False) -> str:
         """Return what a client has to know about a loop, an object of JSON."""
         problem = self.problem
         units = [limit.unit for limit in problem.row_limits for _ in limit.names]
@@ -99,6 +99,7 @@ class Served:
             "units": units,
             "speed": problem.twist_limit.speed.tolist(),
             "acceleration": problem.twist_limit.acceleration.tolist(),
+            "recorded": recorded,
             "reasons": reason_table(problem.row_names),
         }
         return json.dumps(told)

@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn
 
 from ergoqp.errors import ErgoqpError, InputError
 from ergoqp.service.folder import socket_path
@@ -33,6 +33,9 @@ from ergoqp.service.served import JSON_DOOR, Served
 from ergoqp.service.systemd import inherited_sockets, notify, watchdog_seconds
 from ergoqp.service.tcp import TOKEN_FILE, listen_tcp, new_token
 from ergoqp.service.worker import Worker, die_with_parent, settle_in
+
+if TYPE_CHECKING:
+    from ergoqp.service.recorder import Recorder
 
 BACKLOG: Final = 16
 MOST_WORKERS: Final = 64
@@ -166,6 +169,7 @@ class Supervisor:
         for number in range(len(self._groups)):
             self._add_worker(number)
         self._senders: list[socket.socket] = []
+        self._recorder: Recorder | None = None
         if record is not None:
             self._record(record.absolute())
 
@@ -176,8 +180,8 @@ class Supervisor:
         pairs = [recording_pair() for _ in self._groups]
         self._senders = [sender for sender, _ in pairs]
         receivers = [receiver for _, receiver in pairs]
-        recorder = Recorder(path, receivers, list(self._problems.values()), say)
-        self.jobs.append(Job("recorder", recorder.run, last=True))
+        self._recorder = Recorder(path, receivers, list(self._problems.values()), say)
+        self.jobs.append(Job("recorder", self._recorder.run, last=True))
 
     def open_json_door(self, port: int | None = None) -> list[str]:
         """Serve lines of JSON by a process of its own; return what the log says about it.
@@ -262,20 +266,26 @@ class Supervisor:
         """Serve the loops of a group; this is a worker's whole life."""
         mine = self._workers[number].round
         group = [each.load() if isinstance(each, Text) else each for each in self._groups[number]]
+        # The record has the problems that the service was started with, and no others.
+        kept = [each for each in self._groups[number] if isinstance(each, Served) and self._senders]
+        recorded = [name for each in kept for name in each.loop_names]
         for each in group:
             each.prepare(bool(each.engine))
         said = settle_in(self._priority)
         loops, told = {}, {}
         for each in group:
             loops |= each.loops()
-            told |= {name: each.description(name) for name in each.loop_names}
+            told |= {name: each.description(name, name in recorded) for name in each.loop_names}
         say(f"{', '.join(loops)}: process {os.getpid()}, {said}")
+        others = [name for name in told if name not in recorded]
+        if self._recorder is not None and others:
+            say(f"{', '.join(others)}: not recorded: its problem was sent by a client")
         listeners = {name: self.listeners[name] for name in loops}
         feed = None
-        if number < len(self._senders):
+        if recorded and self._recorder is not None:
             from ergoqp.service.recorder import Feed
 
-            feed = Feed(self._senders[number])
+            feed = Feed(self._senders[number], recorded, self._recorder.tally)
 
         def goes_on(idle: bool) -> bool:
             self._beats[number] = (self._beats[number] + 1) % 256

@@ -139,7 +139,7 @@ def admit(connection: socket.socket, token: bytes, loops: Sequence[str]) -> Entr
     words = first.rstrip(b"\r").split(b" ")
     if not hmac.compare_digest(words[0], token):
         # The wait is that of every wrong token, so that trying many takes long.
-        time.sleep(_DELAY)
+        _wait(connection, _DELAY)
         return f"tcp: the first line was not the token of the file {TOKEN_FILE} and a door"
     if words[1:] == [b"json"]:
         return Entry(None, rest)
@@ -147,6 +147,16 @@ def admit(connection: socket.socket, token: bytes, loops: Sequence[str]) -> Entr
     if len(words) == 3 and words[1] == b"door" and words[2] in names:
         return Entry(names[words[2]], rest)
     return f"tcp: the first line asked for no door; allowed json, or door with {', '.join(loops)}"
+
+
+def _wait(connection: socket.socket, seconds: float) -> None:
+    """Wait, but no longer than until the connection is ended from both sides."""
+    ends = select.poll()
+    try:
+        ends.register(connection, 0)
+    except (OSError, ValueError):  # it is closed
+        return
+    ends.poll(1e3 * seconds)
 
 
 def forward(connection: socket.socket, path: Path, rest: bytes) -> None:

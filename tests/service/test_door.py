@@ -222,6 +222,18 @@ class TestNothingIsAssumed:
         # It stands at the end of its stop, and any time may pass then.
         assert "twist" in talk.step(followed=len(stop))
 
+    def test_a_period_out_of_range_is_not_that_of_the_stop(self):
+        talk = Talk(timed=True)
+        talk.step(standing=True)
+        for _ in range(20):
+            talk.clock.now += 0.01
+            talk.step()
+        answer = talk.step(dt=5)
+        assert answer["status"] == "invalid"
+        assert answer["times"][0] == 0.01
+        talk.clock.now += 1.0
+        assert '"followed": 1 tells of 0.01 s' in error_of(talk.step(followed=1))
+
     def test_standing_and_moving_need_no_time(self):
         talk = Talk(timed=True)
         for said in ({"standing": True}, {"moving": True, "twist": [0.0] * 6}):

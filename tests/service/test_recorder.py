@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from service_lines import COMFORT, Lines
 from service_recordings import Talk, messages, recording, rewritten
 from service_running import Running, running
 
@@ -195,6 +197,43 @@ def test_a_recorder_after_another_counts_what_went_with_it(
     assert replay_record(path).notes == ["The file was cut off; it is read up to there."]
 
 
+def test_the_log_counts_over_all_recorders(
+    screwing: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "loop.mcap"
+    with recording(path, screwing) as found:
+        talk = found.talks["screwing"]
+        ask(talk, screwing, 5)
+        found.write()
+        ask(talk, screwing, 4)
+        found.recorder.drain()  # gone with the first recorder
+        found.again()
+        ask(talk, screwing, 2)
+        found.write()
+        wait_for(lambda: found.disk.written == found.disk.tell())
+        assert found.recorder.told() == "screwing: 7 steps are recorded, 4 are not"
+        found.work()  # another worker
+        ask(talk := found.talks["screwing"], screwing, 3)
+        assert found.recorder.told() == "screwing: 7 steps are recorded, 7 are not"
+        found.recorder.drain()
+        with monkeypatch.context() as patch:
+            patch.setattr(Disk, "full", True)
+            ask(talk, screwing, 2)
+            found.write()
+        wait_for(lambda: found.disk.written == found.disk.tell())
+        assert found.recorder.told() == "screwing: 10 steps are recorded, 6 are not"
+
+
+def test_the_log_names_a_few_loops(screwing: Served, tmp_path: Path) -> None:
+    many = dataclasses.replace(screwing, count=20)
+    with recording(tmp_path / "loop.mcap", many) as found:
+        for talk in found.talks.values():
+            ask(talk, screwing, 2)
+        words = found.recorder.told()
+    assert words.startswith("screwing.0: 0 steps are recorded, 2 are not; screwing.1: 0 steps")
+    assert words.endswith("; 12 other loops: 0 steps are recorded, 24 are not")
+
+
 def wait_for(there: Callable[[], bool], seconds: float = 20.0) -> None:
     until = time.monotonic() + seconds
     while not there():
@@ -323,9 +362,17 @@ def test_a_disk_that_is_full_ends_the_recording_alone(
         resource.prlimit(recorder_of(service), resource.RLIMIT_FSIZE, (most, most))
         assert go(client, screwing, 2.5) == 0
         assert client.late == client.lost == 0
+    with service.client() as client:
+        steps = client.description["health"]["steps"]
     service.end()
     log = service.log.read_text()
     assert log.count("the recording has ended: File too large") == 1
+    said = re.findall(r"screwing: (\d+) steps are recorded, (\d+) are not", log)
+    assert len(said) == 2
+    (early, few), (last, missing) = [tuple(map(int, each)) for each in said]
+    assert early == last == replay_record(path).steps
+    assert 0 < few < missing
+    assert last + missing == steps
     assert "is started again" not in log
     assert replay_record(path).wrong == 0
     assert replay_record(path).steps > 50
@@ -344,6 +391,50 @@ def test_a_file_of_a_killed_service_is_readable(
     replayed = replay_record(path)
     assert replayed.steps > 50
     assert replayed.wrong == 0
+    assert record_lost(path) == 0
+
+
+@pytest.mark.slow
+def test_a_problem_that_is_loaded_is_not_recorded(folder: Path, screwing: Served) -> None:
+    path, text = folder / "loop.mcap", served("desk").text
+    arguments = ("screwing", "overhead", "--workers", "1", "--interpreted", "--record", str(path))
+    with running(folder / "s", *arguments) as service:
+        service.client().close()
+        recorder_of(service)
+
+        def step(loop: str, count: int) -> None:
+            with Lines.by_unix(service.folder) as lines:
+                for i in range(count):
+                    report = {"followed": 1000} if i else {"standing": True}
+                    said = {"loop": loop, "posture": COMFORT, **report}
+                    assert "twist" in lines.ask(step=said)
+                lines.ask(step={"loop": loop, "standing": True, "enable": False})
+
+        def load(name: str) -> None:
+            with Lines.by_unix(service.folder) as lines:
+                assert lines.ask(describe={"loop": "overhead"})["recorded"] is True
+                until = time.monotonic() + 20
+                while "loaded" not in (answer := lines.ask(load={"name": name, "problem": text})):
+                    assert time.monotonic() < until, answer
+                assert answer["recorded"] is False
+
+        for loop in ("screwing", "overhead"):
+            step(loop, 10)
+        load("screwing")
+        load("mine")
+        for loop in ("screwing", "overhead", "mine"):
+            step(loop, 10)
+    log = service.log.read_text()
+    for name in ("screwing", "mine"):
+        assert log.count(f"{name}: not recorded: its problem was sent by a client") == 1
+    replayed = replay_record(path)
+    assert {name: loop.steps for name, loop in replayed.loops.items()} == {
+        "screwing": 11,
+        "overhead": 22,
+    }
+    assert replayed.exact
+    assert replayed.equal == replayed.steps
+    assert all(not loop.missing for loop in replayed.loops.values())
     assert record_lost(path) == 0
 
 

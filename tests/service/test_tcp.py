@@ -12,6 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from service_running import Running, running
 
 from ergoqp.errors import InputError
 from ergoqp.service import json_door
-from ergoqp.service.json_door import MOST_CONNECTIONS, STUCK, lines_from
+from ergoqp.service.json_door import MOST_CONNECTIONS, MOST_STRANGERS, STUCK, lines_from
 from ergoqp.service.lines import LONGEST_LINE
 from ergoqp.service.schema import HEAD, VERSION, Ask, Tell
 from ergoqp.service.tcp import TOKEN_FILE, listen_tcp, read_port
@@ -352,6 +353,51 @@ class TestLimits:
                 except OSError:
                     pass
             assert time.monotonic() < until
+
+    def test_silent_ones_take_no_place(self, door):
+        silent = [Lines.by_tcp(door.port) for _ in range(40)]
+        entered = list[Lines]()
+        try:
+            for _ in range(20):
+                silent += [Lines.by_tcp(door.port) for _ in range(3)]
+                entered.append(enter(door))
+                assert "health" in entered[-1].ask(health={"loop": "screwing"})
+            # Those that have entered stay, and of the silent ones the last.
+            assert all("health" in each.ask(health={"loop": "screwing"}) for each in entered)
+            begun = time.monotonic()
+            assert all(lines.read() is None for lines in silent[: -MOST_STRANGERS - 1])
+            assert time.monotonic() - begun < 1
+        finally:
+            for lines in silent + entered:
+                lines.close()
+
+    def test_wrong_tokens_take_no_place(self, door):
+        wrong = [Lines.by_tcp(door.port) for _ in range(40)]
+        try:
+            for lines in wrong:
+                with suppress(OSError):
+                    lines.send(b"0" * 43 + b" json\n")
+            with enter(door) as lines:
+                assert "health" in lines.ask(health={"loop": "screwing"})
+        finally:
+            for lines in wrong:
+                lines.close()
+
+    def test_connections_that_have_entered(self, door):
+        crowd = list[Lines]()
+        try:
+            for _ in range(MOST_CONNECTIONS):
+                crowd.append(enter(door))
+                assert "health" in crowd[-1].ask(health={"loop": "screwing"})
+            with enter(door) as late:
+                answer = late.read()
+                assert answer is not None
+                assert f"more than {MOST_CONNECTIONS} connections" in answer["error"]
+                assert late.read() is None
+            assert "health" in crowd[0].ask(health={"loop": "screwing"})
+        finally:
+            for lines in crowd:
+                lines.close()
 
     def test_a_long_line_is_skipped(self, door):
         with Lines.by_unix(door.folder) as lines:
