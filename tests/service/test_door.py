@@ -368,6 +368,7 @@ class TestLoadInOneProcess:
             words = error_of(shared_talk.ask(load={"name": name, "problem": self.text()}))
             assert "problem: got the name" in words
 
+    @pytest.mark.slow
     def test_no_more_than_a_few(self):
         talk = Talk()
         for number in range(8):
