@@ -89,12 +89,14 @@ class Answer(Plan):
             return "with twists that are no numbers"
         if knots > KNOTS:
             return f"of {knots} knots, allowed {KNOTS}"
-        if knots and self.stop[knots - 1].any():
+        last_twist = line[KNOTS + 6 * (knots - 1) : KNOTS + 6 * knots]
+        if knots and last_twist.dot(last_twist) != 0.0:
             return "with a stop that does not end at rest"
         # Most stops have the same times; comparing views would cost more than copying them.
         seen, grow = self._bytes.tobytes(), last._grow
         if knots > grow or seen != last._seen:
-            if not (np.diff(self.times[:knots], prepend=0.0) > 0.0).all():
+            times = self.times[:knots]
+            if knots and not (times[0] > 0.0 and (times[1:] > times[:-1]).all()):
                 return "with a stop whose times do not grow"
             grow = knots
         self._seen, self._grow = seen, grow

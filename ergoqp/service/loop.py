@@ -137,7 +137,7 @@ class Loop:
         robot = problem.robot
         self._settling = _CALM + robot.dead_time + 10 * robot.lag
         stepper.warm_up()
-        slices = stepper.slices
+        slices = stepper.evaluator.slices
         self._copied = slice(slices[_COPIED[0]].start, slices[_COPIED[1]].stop)
         self._pose_at, self._rate_at = slices["pose_used"], slices["posture_rate"]
         self._causes_at = slices["causes"].start

@@ -91,8 +91,9 @@ class Packing:
         source = (Path(__file__).parent / "c/exchange.c").read_text(encoding="utf-8")
         sources = {"exchange.c": source, "stop.h": c_text("stop.h")}
         library = ctypes.CDLL(str(shared_library("exchange", sources, [], [])))
-        problem, found, into = stepper.problem, stepper.slices, stepper.places
-        given, results = stepper.arrays
+        problem, evaluator = stepper.problem, stepper.evaluator
+        found, into = evaluator.slices, evaluator.places
+        given, results = evaluator.given, evaluator.results
         into_frame, from_frame = (
             {name: at.start for name, at in frame.at.items()} for frame in (request, answer)
         )
@@ -173,9 +174,9 @@ class Packing:
         sizes = [ctypes.c_longlong() for _ in range(4)]
         library[f"{name}_work"](*map(ctypes.byref, sizes))
         arguments, outputs, indices, work = (np.zeros(each.value + 1, np.int64) for each in sizes)
-        for i, at in enumerate(stepper.places.values()):
+        for i, at in enumerate(stepper.evaluator.places.values()):
             arguments[i] = given.ctypes.data + 8 * at.start
-        for i, at in enumerate(stepper.slices.values()):
+        for i, at in enumerate(stepper.evaluator.slices.values()):
             outputs[i] = results.ctypes.data + 8 * at.start
         there = self._exchange
         there.step = ctypes.cast(library[name], ctypes.c_void_p)

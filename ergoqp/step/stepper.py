@@ -310,22 +310,12 @@ class Stepper:
         return not (state[at["planned"]].any() or state[at["sent"]].any())
 
     @property
-    def slices(self) -> Mapping[str, slice]:
-        """Where each output of the step function is in `Step.values`."""
-        return self._slices
-
-    @property
-    def places(self) -> Mapping[str, slice]:
-        """Where each input of the step function is in the first of `arrays`."""
-        return self._at
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """All inputs and all outputs of the step function (n,) (m,), which every call overwrites.
+    def evaluator(self) -> Evaluator:
+        """The step function with its arrays, which every call overwrites.
 
         `step_filled` and `answered` are for who writes the inputs by other means than Python.
         """
-        return self._given, self._out
+        return self._evaluator
 
     @property
     def usual(self) -> np.ndarray | None:
@@ -456,7 +446,7 @@ class Stepper:
         return self._answer(ready, notes, start, frame)
 
     def step_filled(self, fill: Callable[[], bool], frame: bool = True) -> Step:
-        """Return the step of inputs that a function writes into the first of `arrays`.
+        """Return the step of inputs that a function writes into `evaluator`.
 
         It is `step` for who has the inputs elsewhere than in Python. The record, the deadline and
         the checks of types are left out.
@@ -473,7 +463,7 @@ class Stepper:
         return self.answered(notes, frame, start)
 
     def answered(self, notes: Mapping[str, str], frame: bool, start: float) -> Step:
-        """Return the step whose inputs and outputs are in `arrays`, and continue from it.
+        """Return the step that is in `evaluator`, and continue from it.
 
         Args:
             notes: what was wrong with inputs, by name.
