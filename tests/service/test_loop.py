@@ -482,6 +482,7 @@ def test_hold_and_try_again_are_those_of_the_stepper(talk: Talk) -> None:
     assert not again.marks & Mark.still
 
 
+@pytest.mark.slow  # it compiles the step of each period
 @pytest.mark.parametrize("dt", [0.01, 0.003, 0.001])
 def test_both_ways_of_packing_give_the_same_bytes(
     dt: float, monkeypatch: pytest.MonkeyPatch
