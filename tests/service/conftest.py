@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from relay_running import Relay
 from service_running import Running, running
 
 
@@ -31,3 +32,10 @@ def compiled_service() -> Iterator[Running]:
     ):
         found.client("screwing.0").close()
         yield found
+
+
+@pytest.fixture
+def relay(tmp_path: Path) -> Iterator[Relay]:
+    found = Relay(tmp_path / "r")
+    yield found
+    found.end()

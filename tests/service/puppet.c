@@ -81,6 +81,8 @@ int main(void) {
             ergoqp_client_guide(&client, NULL, -1e9);
         } else if (!strcmp(word, "waits")) {
             printf("%d", ergoqp_client_waits(&client));
+        } else if (!strcmp(word, "send")) {
+            printf("%d", out.send);
         } else if (!strcmp(word, "reason")) {
             printf("%s", ergoqp_client_reason(&client));
         } else if (!strcmp(word, "counters")) {

@@ -480,9 +480,11 @@ def test_after_a_pause_the_stop_has_gone_on_and_it_asks(fake: Fake, puppet: Pupp
     puppet.init(fake.path, dt=0.1, longest=0.3)
     puppet.ask("reset")
     assert puppet.step(START).fresh
+    assert puppet.ask("send") == "1"
     time.sleep(0.45)
     step = puppet.step(START)
     assert step.fresh is False
+    assert puppet.ask("send") == "0"  # the robot may have ramped down by itself
     assert puppet.waits
     assert "passed between two calls" in puppet.reason
     passed = float(puppet.reason.split()[0])

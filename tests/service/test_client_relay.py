@@ -49,13 +49,6 @@ def told(asked: bytes, limits: tuple[float, float] = (V, A), **more: Any) -> byt
 
 
 @pytest.fixture
-def relay(tmp_path: Path) -> Iterator[Relay]:
-    found = Relay(tmp_path / "r")
-    yield found
-    found.end()
-
-
-@pytest.fixture
 def fake_relay(tmp_path: Path) -> Iterator[FakeRelay]:
     found = FakeRelay(tmp_path / "fr")
     yield found

@@ -81,7 +81,7 @@ class TestText:
             (PERSON + 'person = "me.toml"', "person: got a person file, allowed stature"),
             ('[response]\nik = {person = "/etc/passwd"}', "person: got a person file"),
             ('[response]\n"ik" = {"person" = ""}', "person: got a person file"),
-            ('[response.gmr]\nmodel = "/tmp/x.npz"', "model: got '/tmp/x.npz', allowed the name"),
+            ('[response.gmr]\nmodel = "/x.npz"', "model: got '/x.npz', allowed the name"),
             ('[response.gmr]\nmodel = "../x"', "model: got '../x', allowed the name"),
             (PERSON + '[cost.learned]\nmodel = "x.npz"', "model: got 'x.npz', allowed the name"),
             (

@@ -120,13 +120,6 @@ def frame_of(
 
 
 @pytest.fixture
-def relay(tmp_path: Path) -> Iterator[Relay]:
-    found = Relay(tmp_path / "r")
-    yield found
-    found.end()
-
-
-@pytest.fixture
 def sender(relay: Relay) -> Iterator[Sender]:
     found = Sender(relay)
     yield found
