@@ -342,6 +342,7 @@ LIES: list[Callable[[bytes], bytes | None]] = [
     lambda a: bytes(step_answer(a, times=0.02)),
     lambda a: bytes(step_answer(a, stop=np.nan)),
     lambda a: bytes(step_answer(a, knots=65)),
+    lambda a: bytes(step_answer(a, knots=1, stop=0.05)),
     lambda a: bytes(step_answer(a, rows=129)),
     lambda a: HEAD.pack(1 << 31, 1, 2, 77, 1),
     lambda a: HEAD.pack(3, 1, 2, 77, 1),

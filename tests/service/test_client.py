@@ -558,6 +558,7 @@ WRONG: list[tuple[Callable[[bytes], bytes], str]] = [
     (lambda a: told(a, times=np.nan), "with twists that are no numbers"),
     (lambda a: told(a, stop=np.inf), "with twists that are no numbers"),
     (lambda a: told(a, posture_rate=np.nan), "with twists that are no numbers"),
+    (lambda a: told(a, knots=1, stop=0.05), "with a stop that does not end at rest"),
     (nameless, "to another question"),
     (lambda a: note(Tell.refused, HEAD.unpack_from(a)[4], "no") + b"more", "to another question"),
     (odd_version, "of version 9, allowed 1"),

@@ -24,6 +24,7 @@ from ergoqp.errors import InputError
 from ergoqp.service import supervisor as module
 from ergoqp.service.client import Client
 from ergoqp.service.folder import private_folder, socket_path
+from ergoqp.service.schema import REQUEST_HEAD, VERSION, Ask, Flag, request_frame
 from ergoqp.service.served import served
 from ergoqp.service.supervisor import Job, Supervisor
 from ergoqp.service.worker import Worker
@@ -352,6 +353,23 @@ def test_mistakes_have_one_sentence(
     told = capsys.readouterr().err
     assert words in told
     assert told.count("\n") == 1
+
+
+def test_who_is_not_answered_does_not_command(service: Running) -> None:
+    """A request of an unknown session moves nothing, and keeps nobody from the loop."""
+    frame = bytearray(request_frame(len(START)).length)
+    flags, n = int(Flag.frame | Flag.enable), len(START)
+    REQUEST_HEAD.pack_into(
+        frame, 0, len(frame), VERSION, Ask.step, 99, 1, 1, 0, 0, flags, n, 0, 0.0, 0.01
+    )
+    with socket.socket(socket.AF_UNIX) as stranger:
+        stranger.settimeout(5)
+        stranger.connect(str(service.socket()))
+        stranger.sendall(frame)
+        assert b"does not know what the robot does" in stranger.recv(1000)
+        with service.client() as client:
+            client.reset()
+            assert client.step(START).fresh
 
 
 def test_garbage_ends_its_connection_and_nothing_else(service: Running) -> None:
