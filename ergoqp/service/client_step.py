@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import time
 from collections.abc import Mapping
 from functools import cached_property
@@ -58,13 +59,14 @@ class Answer(Plan):
 
     Attributes:
         layout: where its fields are.
-        view: all its bytes.
+        view: all its bytes, and address: of the first.
     """
 
     def __init__(self, layout: Frame) -> None:
         """Allocate it, with zeros."""
         buffer = bytearray(layout.length)
         self.layout, self.view = layout, memoryview(buffer)
+        self.address = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
         numbers = layout.numbers
         super().__init__(
             numbers(buffer, "twist"),
@@ -135,7 +137,7 @@ class ClientStep:
         """Keep the bytes of the last answer; members are read from them on demand."""
         self.twist, self.status, self.reason, self.fresh = twist, status, reason, fresh
         self.computed, self.drawn, self.send = computed, drawn, send
-        self._frame, self._layout, self._names = bytes(answer.view), answer.layout, names
+        self._frame, self._layout, self._names = answer.view.tobytes(), answer.layout, names
         self.solve_time = time.perf_counter() - start
 
     def __repr__(self) -> str:

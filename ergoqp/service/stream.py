@@ -40,7 +40,7 @@ class Stream:
             version: that of the frames.
             unasked: whether a frame of the number 0 may come too, which answers no question.
         """
-        self.path, self.socket = os.fspath(path), None
+        self.path, self.socket, self.number = os.fspath(path), None, -1
         self.outstanding = self.late = self.lost = self.refused = 0
         self.why = ""
         self._who, self._head, self._version, self._unasked = who, head, version, unasked
@@ -59,7 +59,7 @@ class Stream:
             self.lost += 1
             self.why = f"{self._who}: nobody answers at {self.path!r}"
             return False
-        self.socket = connection
+        self.socket, self.number = connection, connection.fileno()
         return True
 
     def close(self) -> None:
@@ -76,8 +76,13 @@ class Stream:
                 return False
         except OSError:
             return False
-        self.outstanding, self._got = number, 0
-        return True
+        return self.sent(number, 0)
+
+    def sent(self, number: int, got: int) -> bool:
+        """Note that a question was sent, and how much of its answer has arrived; negative: not."""
+        if got >= 0:
+            self.outstanding, self._got = number, got
+        return got >= 0
 
     def receive(self, into: memoryview, until: float) -> int:
         """Receive the rest of the answer to the outstanding question.
@@ -93,6 +98,24 @@ class Stream:
         if connection is None:
             return self.lose()
         while True:
+            if got >= head.size:
+                found = head.unpack_from(into)
+                length, version, number = found[0], found[1], found[-1]
+                if not head.size <= length <= LONGEST:
+                    return self.refuse("an answer that is none")
+                if version != self._version:
+                    return self.refuse(f"an answer of version {version}, allowed {self._version}")
+                if length > len(into):
+                    return self.refuse("an answer that is too long")
+                if got > length or (
+                    got == length
+                    and number != self.outstanding
+                    and (number or not self._unasked)
+                ):
+                    return self.refuse("an answer to another question")
+                if got == length:
+                    self.outstanding = self._got = 0
+                    return length
             left = until - time.perf_counter()
             if not _arrives(connection.fileno(), left if left > 0.0 else 0.0):
                 self.late += 1
@@ -107,22 +130,6 @@ class Stream:
             if not count:
                 return self.lose()
             self._got = got = got + count
-            if got < head.size:
-                continue
-            found = head.unpack_from(into)
-            length, version, number = found[0], found[1], found[-1]
-            if not head.size <= length <= LONGEST:
-                return self.refuse("an answer that is none")
-            if version != self._version:
-                return self.refuse(f"an answer of version {version}, allowed {self._version}")
-            if length > len(into):
-                return self.refuse("an answer that is too long")
-            if got < length:
-                continue
-            if got > length or (number != self.outstanding and (number or not self._unasked)):
-                return self.refuse("an answer to another question")
-            self.outstanding = self._got = 0
-            return length
 
     def refuse(self, what: str) -> int:
         """Close after an answer that is none; return 0."""
