@@ -416,7 +416,7 @@ class Client:
             dt,
         )
         service, answer, until = self._service, self._next, start + self.timeout
-        if self._in_c is not None and service.socket is not None:
+        if self._in_c is not None:
             told = self._in_c(service.number, answer.address, until)
             if told > 0 and told & 1:
                 self._head = head = ANSWER_HEAD.unpack_from(answer.view)
@@ -435,7 +435,7 @@ class Client:
         if kind != _TOLD or length != len(answer.view):
             self._not_done(kind, bytes(answer.view[ANSWER_HEAD.size : length]))
             return False
-        if wrong := answer.wrong(knots, self._kept):
+        if wrong := answer.wrong(knots):
             service.refused += 1
             self._why = f"service: an answer {wrong}"
             return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import time
 from collections.abc import Mapping
 from functools import cached_property
@@ -10,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.service.asking import address_of
 from ergoqp.service.schema import KNOTS, Frame
 
 STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
@@ -66,7 +66,7 @@ class Answer(Plan):
         """Allocate it, with zeros."""
         buffer = bytearray(layout.length)
         self.layout, self.view = layout, memoryview(buffer)
-        self.address = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
+        self.address = address_of(buffer)
         numbers = layout.numbers
         super().__init__(
             numbers(buffer, "twist"),
@@ -75,33 +75,20 @@ class Answer(Plan):
         )
         self._sent = numbers(buffer, "twist", "posture_rate")
         self._knots = numbers(buffer, "times", "stop")
-        # Times that were seen to grow, and how many of them.
-        self._bytes, self._seen, self._grow = self.view[layout.at["times"]], b"", 0
 
-    def wrong(self, knots: int, last: Answer) -> str:
-        """Take the number of knots; return what keeps a robot and a person from executing it.
-
-        Args:
-            knots: number of knots, as the answer says.
-            last: the answer that is executed.
-        """
+    def wrong(self, knots: int) -> str:
+        """Take the number of knots; return what keeps a robot and a person from executing it."""
         # A product with itself is infinite or NaN if any number is.
         sent, line = self._sent, self._knots
         if not (sent.dot(sent) < _HUGE and line.dot(line) < _HUGE):
             return "with twists that are no numbers"
         if knots > KNOTS:
             return f"of {knots} knots, allowed {KNOTS}"
-        last_twist = line[KNOTS + 6 * (knots - 1) : KNOTS + 6 * knots]
-        if knots and last_twist.dot(last_twist) != 0.0:
+        times = self.times[:knots]
+        if knots and not (times[0] > 0.0 and (times[1:] > times[:-1]).all()):
+            return "with a stop whose times do not grow"
+        if knots and self.stop[knots - 1].any():
             return "with a stop that does not end at rest"
-        # Most stops have the same times; comparing views would cost more than copying them.
-        seen, grow = self._bytes.tobytes(), last._grow
-        if knots > grow or seen != last._seen:
-            times = self.times[:knots]
-            if knots and not (times[0] > 0.0 and (times[1:] > times[:-1]).all()):
-                return "with a stop whose times do not grow"
-            grow = knots
-        self._seen, self._grow = seen, grow
         self.knots = knots
         return ""
 

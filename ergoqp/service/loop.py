@@ -145,7 +145,7 @@ class Loop:
         self._asked = (0, 0, 0.0, 0.0)
         where = request_frame(self.coordinates), frame, self._out, self._copied, engine, digest
         self._packing = packing_of(stepper, *where)
-        self.direct = self._packing is not None and self._packing.direct
+        self.exchange = None if self._packing is None else self._packing.exchange
 
     def new_request(self) -> Request:
         """Return a buffer for the requests of one client."""
@@ -346,8 +346,7 @@ class Loop:
         kept = {acted: self._kept[acted]} if acted in self._kept else {}
         kept[sequence] = state, period, self._guide
         self._kept, self._sequence, self.moved = kept, sequence, not stepper.still
-        if self.direct:
-            assert self._packing is not None
+        if self._packing is not None:
             self._packing.arm(stepper.usual, state, self.session, sequence)
 
     def disarm(self) -> None:
@@ -355,23 +354,13 @@ class Loop:
         if self._packing is not None:
             self._packing.arm(None, self._rate, 0, 0)
 
-    def exchange(self, connection: int, request: Request, filled: int) -> tuple[int, int, Any]:
-        """Receive from the commander, and answer a plain request in machine code.
+    def exchanged(self, request: Request, done: int) -> memoryview:
+        """Note what `exchange` computed or sent; return the answer.
 
         Args:
-            connection: descriptor of the connection.
-            request: the frame that is being received.
-            filled: bytes of it that have arrived before.
-
-        Returns:
-            How many bytes arrived (-1: none yet, -2: the connection has ended), what was done with
-            them (see ``c/exchange.c``), and the answer, if there is one.
+            request: the frame that was received.
+            done: what was done with it, see ``c/exchange.c``.
         """
-        assert self._packing is not None
-        found = self._packing.exchange(connection, request.address, filled)
-        count, done = (found >> 2, found & 3) if found >= 0 else (found, 0)
-        if not done:
-            return count, done, None
         *_, sequence, acted, _, _, bits, _, _, _, dt = REQUEST_HEAD.unpack_from(request.buffer)
         self.before, self.led, self.turned, self._bits = (
             self._kept[acted][0],
@@ -381,10 +370,10 @@ class Loop:
         )
         step = self.stepper.answered({}, bits & _FRAME != 0, time.perf_counter())
         if done == _COMPUTED:
-            return count, done, self._conclude(step, sequence, acted, bits, 0, dt)
+            return self._conclude(step, sequence, acted, bits, 0, dt)
         usual = dt == self.stepper.dt or SHORTEST_DT <= dt <= self.stepper.problem.longest_period
         self._keep(acted, sequence, dt if usual else self.stepper.dt)
-        return count, done, self._view
+        return self._view
 
     def _fill(self) -> bool:
         """Write the request that is answered into the inputs of the step."""

@@ -8,6 +8,7 @@ some thirty lines in `ergoqp.service.loop`, to the last bit.
 from __future__ import annotations
 
 import ctypes
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,9 @@ class Packing:
         digest: of the problem.
 
     Attributes:
-        direct: whether `exchange` can be used: the step is compiled.
+        exchange: receives from a client and answers a plain request, see ``c/exchange.c``, given
+            the descriptor of the connection, the address of the request and how many bytes of it
+            have arrived before; None if the step is not compiled.
 
     Raises:
         CompilerError: if there is no C compiler.
@@ -151,12 +154,13 @@ class Packing:
         self._exchange.longest, self._exchange.doubted = problem.longest_period, DOUBTED
         self._exchange.stop_seconds = problem.stop.duration
         self._kept = given, results, memory, tolerance  # as long as their addresses are used
-        self.direct = self._bind(stepper, given, results)
         self._reference = ctypes.byref(self._exchange)
+        exchange = library.ergoqp_exchange
+        exchange.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_int]
+        bound = self._bind(stepper, given, results)
+        self.exchange = partial(exchange, self._reference) if bound else None
         self._problem, self._most = problem, {problem.dt: longest_stop(problem, problem.dt)}
         self._take, self._tell = library.ergoqp_take, library.ergoqp_tell
-        self._answer = library.ergoqp_exchange
-        self._answer.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_int]
         self._take.argtypes = [
             ctypes.c_void_p,
             ctypes.c_uint32,
@@ -200,16 +204,6 @@ class Packing:
             self._from = usual, state
             there.usual, there.state = usual.ctypes.data, state.ctypes.data
             there.session, there.sequence = session, sequence
-
-    def exchange(self, number: int, address: int, filled: int) -> int:
-        """Receive from a client, and answer a plain request; see ``c/exchange.c``.
-
-        Args:
-            number: descriptor of the connection.
-            address: of the request.
-            filled: bytes of it that have arrived before.
-        """
-        return self._answer(self._reference, number, address, filled)
 
     def take(self, address: int, flags: int, dt: float, age: float) -> bool:
         """Write a request into the inputs of the step; return whether its mask is one.

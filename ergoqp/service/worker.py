@@ -34,6 +34,8 @@ class Client:
         request: the frame that is being received.
         filled: bytes of it that have arrived.
         pid: process at the other end.
+        exchange: receives a request and answers a plain one, given the descriptor, the address of
+            the request and `filled`; of the commander of a loop in machine code, else None.
     """
 
     def __init__(self, connection: socket.socket, loop: Loop, pid: int) -> None:
@@ -41,7 +43,8 @@ class Client:
         self.socket, self.loop, self.pid = connection, loop, pid
         self.request: Request = loop.new_request()
         self.view = memoryview(self.request.buffer)
-        self.filled = 0
+        self.filled, self.number = 0, connection.fileno()
+        self.exchange: Callable[[int, int, int], int] | None = None
 
 
 class Worker:
@@ -143,22 +146,19 @@ class Worker:
 
     def _receive(self, client: Client) -> None:
         """Read what has arrived, and answer every whole frame."""
-        loop = client.loop
-        if loop.direct and self._commanders.get(loop.name) is client:
-            count, done, answer = loop.exchange(
-                client.socket.fileno(), client.request, client.filled
-            )
-            if done:
-                client.filled = 0
+        if client.exchange is not None:
+            # As few lines as can be before the answer is sent.
+            found = client.exchange(client.number, client.request.address, client.filled)
+            if found > 0 and found & 3:
+                client.filled, done = 0, found & 3
+                answer = client.loop.exchanged(client.request, done)
                 if done == NOT_SENT:
                     self._end(client)
                 elif done != SENT:
                     self._send(client, answer)
                 self._note(client, answer)
-                return
-            if count == -1:
-                return
-            self._arrived(client, max(count, 0))
+            elif found != -1:
+                self._arrived(client, max(found >> 2, 0))
             return
         try:
             count = client.socket.recv_into(client.view[client.filled :])
@@ -202,7 +202,7 @@ class Worker:
             return
         answer = loop.answer(client.request)
         if commander is None and isinstance(answer, memoryview):  # a step, and no refusal
-            self._commanders[loop.name] = client
+            self._commanders[loop.name], client.exchange = client, loop.exchange
         self._send(client, answer)
         self._note(client, answer)
 

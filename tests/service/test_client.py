@@ -37,6 +37,13 @@ START[ergoqp.JOINTS.index("right_shoulder_flexion")] = 1.3
 START[ergoqp.JOINTS.index("right_elbow_flexion")] = 0.5
 
 
+@pytest.fixture(params=["compiled", "python"], autouse=True)
+def calls(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A question and its answer by the compiled call, and where there is no compiler."""
+    if request.param == "python":
+        monkeypatch.setattr("ergoqp.service.client.asking_of", lambda *_: None)
+
+
 @pytest.fixture
 def client(service: Running) -> Iterator[Client]:
     with service.client() as found:
@@ -51,6 +58,7 @@ def stepper() -> Stepper:
 def test_it_gives_the_steps_of_a_stepper(client: Client, stepper: Stepper) -> None:
     stepper.reset()
     client.reset()
+    client._longest = 60.0  # the first step of the stepper may be slow
     posture = START.copy()
     for number in range(30):
         more: dict[str, Any] = {"observed": np.arange(32) != number} if number % 3 == 1 else {}
@@ -290,6 +298,7 @@ def with_twist(frame: bytearray, client: Client, value: float) -> bytes:
         lambda c, a: note(Tell.unknown, HEAD.unpack_from(a)[4], "who?"),
         lambda c, a: note(Tell.described, HEAD.unpack_from(a)[4], "{}"),
         lambda c, a: bytes(truth(c, HEAD.pack(24, 1, 2, 0, 12345))),
+        lambda c, a: truth(c, a).replace(b"\x01\x00\x02\x00", b"\x01\x00\x04\x00", 1),
     ],
 )
 def test_an_answer_that_is_none_moves_nothing(
@@ -484,6 +493,46 @@ def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, faked: Cl
     assert faked.waits
 
 
+def test_a_request_that_cannot_be_sent_is_not_waited_for(fake: Fake, faked: Client) -> None:
+    faked.timeout = 1.0
+    faked.reset()
+    assert faked.step(START).fresh
+    full, fake.answer = faked._service.socket, lambda asked: time.sleep(0.5)
+    assert full is not None
+    with pytest.raises(BlockingIOError):
+        while True:
+            full.send(bytes(4096))
+    step = faked.step(START)
+    assert step.reason == "service: the connection was lost"
+    assert step.solve_time < 0.4
+
+
+def test_a_signal_that_ends_a_call_costs_an_answer_and_no_more(fake: Fake, faked: Client) -> None:
+    faked.timeout = 2.0
+    faked.reset()
+    assert faked.step(START).fresh
+    slow = [0.3]
+
+    def answer(asked: bytes) -> bytes:
+        time.sleep(slow.pop() if slow else 0.0)
+        return told(asked, knots=10)
+
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    fake.answer = answer
+    before = signal.signal(signal.SIGALRM, interrupted)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        with pytest.raises(KeyboardInterrupt):
+            faked.step(START)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    time.sleep(0.3)
+    assert any(faked.step(START).fresh for _ in range(3))
+
+
 @pytest.mark.parametrize(
     ("periods", "shares", "followed"),
     [
@@ -538,15 +587,10 @@ def test_try_again_is_said_until_it_is_answered(fake: Fake, faked: Client) -> No
     assert flags == [True, True, False]
 
 
-def nameless(asked: bytes) -> bytes:
+def put(asked: bytes, place: int, value: bytes) -> bytes:
+    """An answer with other bytes at a place of its head."""
     frame = bytearray(told(asked))
-    frame[16:24] = bytes(8)
-    return bytes(frame)
-
-
-def odd_version(asked: bytes) -> bytes:
-    frame = bytearray(told(asked))
-    frame[4] = 9
+    frame[place : place + len(value)] = value
     return bytes(frame)
 
 
@@ -559,9 +603,11 @@ WRONG: list[tuple[Callable[[bytes], bytes], str]] = [
     (lambda a: told(a, stop=np.inf), "with twists that are no numbers"),
     (lambda a: told(a, posture_rate=np.nan), "with twists that are no numbers"),
     (lambda a: told(a, knots=1, stop=0.05), "with a stop that does not end at rest"),
-    (nameless, "to another question"),
+    (lambda a: told(a, knots=65, stop=1.0), "of 65 knots, allowed 64"),
+    (lambda a: put(a, 16, bytes(8)), "to another question"),
+    (lambda a: put(a, 0, b"\x18\0\0\0"), "to another question"),
     (lambda a: note(Tell.refused, HEAD.unpack_from(a)[4], "no") + b"more", "to another question"),
-    (odd_version, "of version 9, allowed 1"),
+    (lambda a: put(a, 4, b"\x09"), "of version 9, allowed 1"),
     (lambda a: HEAD.pack(24, 1, Tell.step, 77, HEAD.unpack_from(a)[4]), "of another length"),
     (lambda a: bytes(step_answer(a, rows=3)), "of another length"),
     (lambda a: bytes(step_answer(a, rows=200)), "that is too long"),

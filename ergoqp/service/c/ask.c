@@ -3,6 +3,7 @@
  *
  * It decides nothing that is not plain: what did not come in time, or is no usable step, is left to Python as it arrived. */
 #define _GNU_SOURCE
+#include <math.h>
 #include <poll.h>
 #include <stdint.h>
 #include <string.h>
@@ -51,25 +52,23 @@ static int usable(const asking* a, const char* answer) {
     return !knots || squares(stop + 6 * (knots - 1), 6) == 0.0;
 }
 
-/* Send the request, and wait for so many seconds.
+/* Send the request, and wait until a time of the monotonic clock [s] for the first part of its answer, which is all of it but for
+ * rare cases.
  *
  * Returns twice the number of bytes that arrived, plus 1 if they are a usable answer to it; -1 if the request was not sent as a
  * whole. */
 int ergoqp_ask(const asking* a, int service, char* answer, double until) {
-    int got = 0;
+    struct pollfd arrives = {service, POLLIN, 0};
+    struct timespec wait;
+    double left;
+    ssize_t got;
     if (send(service, a->request, (size_t)a->request_length, MSG_DONTWAIT | MSG_NOSIGNAL) != a->request_length) return -1;
-    do {
-        const double left = until - now();
-        struct pollfd arrives = {service, POLLIN, 0};
-        struct timespec wait;
-        ssize_t count;
-        if (left <= 0.0) break;
-        wait.tv_sec = (time_t)left;
-        wait.tv_nsec = (long)(1e9 * (left - (double)wait.tv_sec));
-        if (ppoll(&arrives, 1, &wait, NULL) <= 0) break; /* also for a signal, which Python handles before it waits on */
-        count = recv(service, answer + got, (size_t)(a->answer_length - got), MSG_DONTWAIT);
-        if (count <= 0) break; /* the end of the connection is seen again by who reads next */
-        got += (int)count;
-    } while (got < a->answer_length);
-    return 2 * got + (got == a->answer_length && usable(a, answer));
+    left = fmax(until - now(), 0.0);
+    wait.tv_sec = (time_t)left;
+    wait.tv_nsec = (long)(1e9 * (left - (double)wait.tv_sec));
+    /* A signal ends this, and Python handles it before it waits on. */
+    if (ppoll(&arrives, 1, &wait, NULL) <= 0) return 0;
+    got = recv(service, answer, (size_t)a->answer_length, MSG_DONTWAIT);
+    /* The end of the connection is seen again by who reads next. */
+    return got > 0 ? 2 * (int)got + (got == a->answer_length && usable(a, answer)) : 0;
 }
