@@ -309,8 +309,9 @@ class Client:
             fresh = self._ready(start) and self._exchange(start, bits, dt, age)
             if fresh and relay is not None:
                 fresh = self._hand_over(relay, start, period)
-        if fresh and relay is None and (passed := time.perf_counter() - start) > longest:
-            fresh = not self._pass(gap + passed)
+        # This program may have been stopped while it waited.
+        if relay is None and (waited := time.perf_counter() - start) > longest:
+            fresh = not self._pass(gap + waited) and fresh
         if not fresh:
             if period == self._dt_of_answer:
                 self._followed += 1.0

@@ -108,9 +108,7 @@ class Stream:
                 if length > len(into):
                     return self.refuse("an answer that is too long")
                 if got > length or (
-                    got == length
-                    and number != self.outstanding
-                    and (number or not self._unasked)
+                    got == length and number != self.outstanding and (number or not self._unasked)
                 ):
                     return self.refuse("an answer to another question")
                 if got == length:

@@ -504,6 +504,30 @@ def test_after_a_pause_the_stop_has_gone_on_and_it_asks(fake: Fake, puppet: Pupp
     assert puppet.step(START).fresh
 
 
+def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, puppet: Puppet) -> None:
+    waits = [0.25, 0.25, 0.0, 0.8]
+
+    def answer(asked: bytes) -> bytes:
+        time.sleep(waits.pop(0))
+        return bytes(step_answer(asked, knots=10, dt=0.1))
+
+    fake.answer = answer
+    puppet.init(fake.path, dt=0.1, timeout=0.4, longest=0.2)
+    puppet.ask("reset")
+    assert puppet.step(START).fresh  # it stood meanwhile
+    step = puppet.step(START)
+    assert not step.fresh
+    assert puppet.ask("send") == "0"
+    assert "passed between two calls" in puppet.reason
+    assert puppet.waits
+    # It has paused as well if no answer is there then.
+    puppet.ask("reset")
+    assert puppet.step(START).fresh
+    assert not puppet.step(START).fresh
+    assert puppet.ask("send") == "0"
+    assert puppet.waits
+
+
 def test_reset_forgets_the_stop(fake: Fake, puppet: Puppet) -> None:
     puppet.init(fake.path)
     puppet.ask("reset")

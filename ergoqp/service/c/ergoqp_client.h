@@ -338,17 +338,17 @@ static inline void ergoqp_client_priv_forget(ergoqp_client* c) {
     c->begin = 0;
 }
 
-/* Notes that time has passed since the last call, in which the robot went on. */
-static inline void ergoqp_client_priv_time(ergoqp_client* c, int64_t now) {
-    const double gap = c->called ? 1e-9 * (double)(now - c->called_at) : 0.0;
+/* Notes that so many seconds have passed since a twist was given, in which the robot went on. Returns whether it is not known
+ * any more what the robot does. */
+static inline int ergoqp_client_priv_paused(ergoqp_client* c, double seconds) {
     const int is_known = c->session || c->begin == ERGOQP_CLIENT_FLAG_TAKES_OVER;
-    if (is_known && !c->has_relay && gap > (c->longest_dt > 0 ? c->longest_dt : c->told_longest)) {
-        ergoqp_client_priv_forget(c);
-        c->paused = 1;
-        /* A robot that has a timeout slowed down meanwhile. It must not be sent the speed that it had before. */
-        ergoqp_client_priv_pass(c, gap / c->dt - 1.0);
-        snprintf(c->why, sizeof c->why, "%.2f s passed between two calls: %s", gap, ERGOQP_CLIENT_REPORT);
-    }
+    if (!is_known || c->has_relay) return 0;
+    ergoqp_client_priv_forget(c);
+    c->paused = 1;
+    /* A robot that has a timeout slowed down meanwhile. It must not be sent the speed that it had before. */
+    ergoqp_client_priv_pass(c, seconds / c->dt - 1.0);
+    snprintf(c->why, sizeof c->why, "%.2f s passed between two calls: %s", seconds, ERGOQP_CLIENT_REPORT);
+    return 1;
 }
 
 /* Notes the limits that came with the answer that was received. A relay needs them with the first one already. */
@@ -602,25 +602,30 @@ static inline int ergoqp_client_priv_relay(ergoqp_client* c, int64_t until) {
 static inline int ergoqp_client_priv_call(ergoqp_client* c, const ergoqp_client_input* in, uint32_t bits,
                                           ergoqp_client_output* out) {
     const int64_t now = ergoqp_client_priv_now(), until = now + (int64_t)(1e9 * c->timeout);
+    const double gap = c->called ? 1e-9 * (double)(now - c->called_at) : 0.0;
+    const double longest = c->longest_dt > 0 ? c->longest_dt : c->told_longest;
+    double waited;
     int fresh;
     /* A faster robot is somewhere between two twists: the next line begins there. */
     if (c->called) {
-        const double seconds = 1e-9 * (double)(now - c->called_at);
         double there[6];
         int i;
-        if (seconds < c->dt) {
-            for (i = 0; i < 6; ++i) there[i] = c->previous[i] + (c->current[i] - c->previous[i]) * (seconds / c->dt);
+        if (gap < c->dt) {
+            for (i = 0; i < 6; ++i) there[i] = c->previous[i] + (c->current[i] - c->previous[i]) * (gap / c->dt);
         } else {
-            ergoqp_client_priv_at(&c->plan, c->followed * c->dt + (seconds - c->dt), there);
+            ergoqp_client_priv_at(&c->plan, c->followed * c->dt + (gap - c->dt), there);
         }
         memcpy(c->previous, there, sizeof there);
     }
-    ergoqp_client_priv_time(c, now);
+    if (gap > longest) ergoqp_client_priv_paused(c, gap);
     c->called = 1;
     c->called_at = now;
     fresh = c->has_relay ? ergoqp_client_priv_ask_relay(c, until) : 1;
     fresh = fresh && (c->session || c->begin) && ergoqp_client_priv_exchange(c, in, bits, until);
     fresh = fresh && (!c->has_relay || ergoqp_client_priv_relay(c, until));
+    /* This program may have been stopped while it waited. */
+    waited = 1e-9 * (double)(ergoqp_client_priv_now() - now);
+    if (waited > longest && ergoqp_client_priv_paused(c, gap + waited)) fresh = 0;
     if (fresh) {
         ergoqp_client_priv_adopt(c);
     } else {
