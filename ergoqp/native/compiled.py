@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import platform
@@ -27,6 +28,8 @@ FLAGS: Final = (
     "-fPIC",
     "-shared",
     "-w",
+    # Whatever CC says: numbers that are none have to be seen.
+    "-fno-fast-math",
     # Arithmetic without errno and signals, and inlining of small functions that could be replaced
     # at load time: this saves a third of the time. No contraction to fused operations, so that the
     # arithmetic is that of the interpreted step.
@@ -90,6 +93,21 @@ def shared_library(
         CompilerError: if there is no compiler, or it fails; with its first error.
     """
     return _built(name, sources, archives, includes, FLAGS, ".so")
+
+
+def loaded(library: Path) -> ctypes.CDLL:
+    """Return a shared library of `shared_library`.
+
+    Raises:
+        CompilerError: if this machine cannot load it.
+    """
+    try:
+        return ctypes.CDLL(str(library))
+    except OSError as error:
+        raise CompilerError(
+            f"compiled {library.name}: it cannot be loaded: {last_line(error)}; name a C compiler"
+            " for this machine in CC, and a cache from which programs may run in XDG_CACHE_HOME"
+        ) from None
 
 
 def program(name: str, sources: dict[str, str]) -> Path:
@@ -169,12 +187,21 @@ def _digest(path: Path) -> str:
 
 @lru_cache(maxsize=4)
 def _version(command: tuple[str, ...]) -> str:
-    shown = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+    shown = _done([*command, "--version"])
     return shown.stdout.splitlines()[0] if shown.stdout else "unknown"
 
 
+def _done(command: list[str], folder: str | None = None) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise CompilerError(
+            f"C compiler {command[0]!r} cannot be run: {error.strerror}; name a C compiler in CC"
+        ) from None
+
+
 def _run(command: list[str], folder: str) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = _done(command, folder)
     if done.returncode:
         lines = [
             line for line in done.stderr.splitlines() if "error" in line.lower()

@@ -8,12 +8,22 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from ergoqp.native.compiled import CompilerError, shared_library
+from ergoqp.native.compiled import CompilerError, loaded, shared_library
 from ergoqp.service.schema import KNOTS, VERSION, Frame, Tell
+from ergoqp.step.causes import Status
 
 _PLACES = (
-    *("request_length", "answer_length", "version", "step", "at_sequence", "at_knots"),
-    *("at_twist", "at_times", "at_stop", "numbers", "knots"),
+    *("request_length", "answer_length", "version", "step", "statuses"),
+    *(
+        "at_sequence",
+        "at_status",
+        "at_knots",
+        "at_twist",
+        "at_times",
+        "at_stop",
+        "numbers",
+        "knots",
+    ),
 )
 
 
@@ -46,7 +56,7 @@ def asking_of(request: bytearray, answer: Frame) -> Callable[[int, int, float], 
         return None
     source = (Path(__file__).parent / "c/ask.c").read_text(encoding="utf-8")
     try:
-        library = ctypes.CDLL(str(shared_library("ask", {"ask.c": source}, [], [])))
+        library = loaded(shared_library("ask", {"ask.c": source}, [], []))
     except CompilerError:
         return None
     at = {name: place.start for name, place in answer.at.items()}
@@ -56,6 +66,7 @@ def asking_of(request: bytearray, answer: Frame) -> Callable[[int, int, float], 
         answer_length=answer.length,
         version=VERSION,
         step=int(Tell.step),
+        statuses=len(Status),
         numbers=(answer.at["posture_rate"].stop - at["twist"]) // 8,
         knots=KNOTS,
         **{name: at[name[3:]] for name in _PLACES if name.startswith("at_")},

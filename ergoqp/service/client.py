@@ -61,7 +61,7 @@ class Client:
     Every answer comes with the stop that was certified with it. If the next answer is late, if the
     service ends, hangs or is started anew, `step` returns the next twist of that stop, and the
     service is told what the robot executed. No call raises because of the service once the client
-    is made.
+    is made. A client belongs to one thread.
 
     The service never assumes that a robot stands. So begin with `reset`, and call it again when
     `waits` is true: the service does not know any more what the robot does.
@@ -70,7 +70,8 @@ class Client:
         address: name of the loop, such as ``"screwing"``, in the service's usual folder, or the
             path of its socket.
         dt: control period [s]. None: that of the loop.
-        timeout: how long a call of `step` may wait for the answer [s]. None: half a period.
+        timeout: how long a call of `step` may wait for the answer [s]. None: half a period. Beyond
+            the ``longest_dt`` of the description, a late answer is a pause that was too long.
         explain: whether the service writes reasons in full, which takes it some 60 us for each new
             one. Otherwise `ClientStep.reason` is a sentence without numbers.
         relay: path of the socket of `ergoqp relay`, or its name, such as ``"relay"``, in the
@@ -136,7 +137,7 @@ class Client:
         self._head = ANSWER_HEAD.unpack_from(self._next.view)
         self._pending: tuple[int, int, float] | None = None
         self._acceleration = np.array(self.description["acceleration"], dtype=float)
-        self._called = -np.inf
+        self._returned = -np.inf  # when the last twist was returned
         self._why = f"the service was not told yet what the robot does: {_ASK}"
 
     @property
@@ -241,13 +242,13 @@ class Client:
         Raises:
             InputError: if `twist` is not six finite numbers.
         """
-        self._called = -np.inf
+        self._returned = -np.inf
         if twist is None:
             begin, moves = int(Flag.stands), np.zeros(6)
         else:
             begin, moves = _TAKES_OVER, read_array("twist", twist, (6,), "6 finite numbers")
             # From here on its time counts. A robot that stands may do so for any time.
-            self._called = time.perf_counter()
+            self._returned = time.perf_counter()
         self._plan = ramp(moves, self._acceleration, self.dt)
         self._begin, self._followed, self._dt_of_answer = begin, 0.0, self.dt
         self._session = self._again = self._hold = 0
@@ -297,11 +298,10 @@ class Client:
 
     def _ask(self, start: float, bits: int, dt: float, age: float) -> ClientStep:
         """Exchange a request for an answer, or go on with the stop."""
-        gap, self._called = start - self._called, start
+        gap = start - self._returned
         service, relay, longest = self._service, self._relay, self._longest
         period = dt if SHORTEST_DT <= dt <= longest else self.description["dt"]
-        if gap > longest and relay is None:
-            self._pass(gap)
+        passed = gap > longest and relay is None and self._pass(gap)
         # The usual case first: nothing is wrong.
         if self._session and service.socket is not None and not service.outstanding and not relay:
             fresh = self._exchange(start, bits, dt, age)
@@ -309,9 +309,10 @@ class Client:
             fresh = self._ready(start) and self._exchange(start, bits, dt, age)
             if fresh and relay is not None:
                 fresh = self._hand_over(relay, start, period)
+        gap, self._returned = (now := time.perf_counter()) - self._returned, now
         # This program may have been stopped while it waited.
-        if relay is None and (waited := time.perf_counter() - start) > longest:
-            fresh = not self._pass(gap + waited) and fresh
+        if gap > longest and relay is None and not passed:
+            fresh = not self._pass(gap) and fresh
         if not fresh:
             if period == self._dt_of_answer:
                 self._followed += 1.0
@@ -346,13 +347,15 @@ class Client:
         Returns whether the robot moved, as far as is known.
         """
         moves = self._session != 0 or self._begin == _TAKES_OVER
-        if moves:
+        # Without a session the robot goes on with the stop.
+        if moves or self._plan.at(self._followed * self._dt_of_answer).any():
             self._forget()
             self._paused = True
-            self._why = f"{gap:.2f} s passed between two calls: {_ASK}"
+            self._why = f"{gap:.2f} s passed between two twists: {_ASK}"
             periods = self._followed + max(0.0, gap / self._dt_of_answer - 1.0)
             self._followed = min(periods, _MOST)
-        return moves
+            return True
+        return False
 
     def _forget(self) -> None:
         """Lose the session: from now on the service does not know what the robot does."""
@@ -430,13 +433,13 @@ class Client:
         if not length:
             self._why = service.why
             return False
-        self._head = _, _, kind, _, _, _, _, _, _, _, _, _, _, knots, _ = ANSWER_HEAD.unpack_from(
+        self._head = _, _, kind, _, _, _, _, status, *_, knots, _ = ANSWER_HEAD.unpack_from(
             answer.view
         )
         if kind != _TOLD or length != len(answer.view):
             self._not_done(kind, bytes(answer.view[ANSWER_HEAD.size : length]))
             return False
-        if wrong := answer.wrong(knots):
+        if wrong := answer.wrong(status, knots):
             service.refused += 1
             self._why = f"service: an answer {wrong}"
             return False
@@ -529,7 +532,7 @@ def _put(target: np.ndarray, value: Any, shape: tuple[int, ...]) -> None:
     if type(value) is not np.ndarray:
         try:
             value = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             value = np.empty(0)
     if value.shape == shape and value.dtype.kind in "biuf":
         target[:] = value if len(shape) == 1 else value.ravel()
@@ -541,7 +544,7 @@ def _number(value: Any) -> float:
     """Return a number; NaN, which the step detects, for anything else."""
     try:
         return value if type(value) is float else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")
 
 

@@ -76,12 +76,15 @@ class Answer(Plan):
         self._sent = numbers(buffer, "twist", "posture_rate")
         self._knots = numbers(buffer, "times", "stop")
 
-    def wrong(self, knots: int) -> str:
+    def wrong(self, status: int, knots: int) -> str:
         """Take the number of knots; return what keeps a robot and a person from executing it."""
         # A product with itself is infinite or NaN if any number is.
         sent, line = self._sent, self._knots
-        if not (sent.dot(sent) < _HUGE and line.dot(line) < _HUGE):
-            return "with twists that are no numbers"
+        with np.errstate(all="ignore"):
+            if not (sent.dot(sent) < _HUGE and line.dot(line) < _HUGE):
+                return "with twists that are no numbers"
+        if status >= len(STATUSES):
+            return f"of status {status}, which is unknown"
         if knots > KNOTS:
             return f"of {knots} knots, allowed {KNOTS}"
         times = self.times[:knots]

@@ -14,7 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.native.compiled import CompilerError, c_text, library_of, shared_library
+from ergoqp.native.compiled import (
+    CompilerError,
+    c_text,
+    library_of,
+    loaded,
+    shared_library,
+)
 from ergoqp.service.reasons import SETTLED
 from ergoqp.service.schema import TEXT, VERSION, Ask, Frame, Mark, Tell
 from ergoqp.step.certification import longest_stop
@@ -93,7 +99,7 @@ class Packing:
         """Compile, and find all places."""
         source = (Path(__file__).parent / "c/exchange.c").read_text(encoding="utf-8")
         sources = {"exchange.c": source, "stop.h": c_text("stop.h")}
-        library = ctypes.CDLL(str(shared_library("exchange", sources, [], [])))
+        library = loaded(shared_library("exchange", sources, [], []))
         problem, evaluator = stepper.problem, stepper.evaluator
         found, into = evaluator.slices, evaluator.places
         given, results = evaluator.given, evaluator.results
@@ -174,7 +180,7 @@ class Packing:
         path = library_of(stepper.function)
         if path is None:
             return False
-        library, name = ctypes.CDLL(str(path)), stepper.function.name()
+        library, name = loaded(path), stepper.function.name()
         sizes = [ctypes.c_longlong() for _ in range(4)]
         library[f"{name}_work"](*map(ctypes.byref, sizes))
         arguments, outputs, indices, work = (np.zeros(each.value + 1, np.int64) for each in sizes)

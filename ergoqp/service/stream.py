@@ -66,7 +66,8 @@ class Stream:
         """End the connection; what is outstanding will not be answered."""
         if self.socket is not None:
             self.socket.close()
-        self.socket, self.outstanding, self._got = None, 0, 0
+        self.socket, self.number = None, -1
+        self.outstanding = self._got = 0
 
     def send(self, frame: bytearray | memoryview | bytes, number: int) -> bool:
         """Send a question; return whether it was sent as a whole. It does not close."""
@@ -115,15 +116,15 @@ class Stream:
                     self.outstanding = self._got = 0
                     return length
             left = until - time.perf_counter()
-            if not _arrives(connection.fileno(), left if left > 0.0 else 0.0):
-                self.late += 1
-                self.why = f"{self._who}: no answer in time"
-                return 0
             try:
+                if not _arrives(connection.fileno(), left if left > 0.0 else 0.0):
+                    self.late += 1
+                    self.why = f"{self._who}: no answer in time"
+                    return 0
                 count = connection.recv_into(into[got:] if got else into)
             except BlockingIOError:
                 continue
-            except OSError:
+            except (OSError, ValueError):  # also one that a signal handler closed
                 count = 0
             if not count:
                 return self.lose()

@@ -189,9 +189,9 @@ class Worker:
                 self._step(client, sequence)
             # A client sends one request at a time, but its next one may have arrived.
             rest = client.filled - length
-            if rest:
+            if rest > 0:
                 client.view[:rest] = bytes(client.view[length : client.filled])
-            client.filled = rest
+            client.filled = max(rest, 0)  # none of one that has ended
 
     def _step(self, client: Client, sequence: int) -> None:
         loop = client.loop

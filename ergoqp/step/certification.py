@@ -411,10 +411,10 @@ def stop_function(model: StepModel) -> Callable[[np.ndarray, float], np.ndarray]
     Raises:
         CompilerError: if there is no C compiler, or it fails.
     """
-    from ergoqp.native.compiled import c_text, shared_library
+    from ergoqp.native.compiled import c_text, loaded, shared_library
 
     library = shared_library("stop", {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}, [], [])
-    call = ctypes.CDLL(str(library)).ergoqp_stop
+    call = loaded(library).ergoqp_stop
     call.restype, array = ctypes.c_int, ctypes.c_void_p
     call.argtypes = [array, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]
     call.argtypes += [array, array, ctypes.c_int]

@@ -487,7 +487,7 @@ def test_after_a_pause_the_stop_has_gone_on_and_it_asks(fake: Fake, puppet: Pupp
     assert step.fresh is False
     assert puppet.ask("send") == "0"  # the robot may have ramped down by itself
     assert puppet.waits
-    assert "passed between two calls" in puppet.reason
+    assert "passed between two twists" in puppet.reason
     passed = float(puppet.reason.split()[0])
     # Two decimals of the time are said.
     np.testing.assert_allclose(step.twist, 0.1 * (1 - passed // 0.1 / 10), atol=0.0101)
@@ -518,7 +518,7 @@ def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, puppet: P
     step = puppet.step(START)
     assert not step.fresh
     assert puppet.ask("send") == "0"
-    assert "passed between two calls" in puppet.reason
+    assert "passed between two twists" in puppet.reason
     assert puppet.waits
     # It has paused as well if no answer is there then.
     puppet.ask("reset")

@@ -18,11 +18,13 @@ from puppet import Fake, step_answer
 from service_running import Running, running
 
 import ergoqp
+from ergoqp.native.compiled import compiler
 from ergoqp.service.client import Client, ClientStep, ServiceError
 from ergoqp.service.schema import (
     ANSWER_HEAD,
     HEAD,
     REQUEST_HEAD,
+    Ask,
     Flag,
     Tell,
     answer_frame,
@@ -82,12 +84,29 @@ def test_it_gives_the_steps_of_a_stepper(client: Client, stepper: Stepper) -> No
 
 def test_no_input_raises(client: Client) -> None:
     client.reset()
-    for bad in ("text", [1, 2], object(), np.full(32, np.inf), {"a": 1}, np.zeros((32, 1)), 3):
+    for bad in (
+        "text",
+        [10**400] * 32,
+        [1, 2],
+        object(),
+        np.full(32, np.inf),
+        {"a": 1},
+        np.zeros((32, 1)),
+        3,
+    ):
         for step in (client.step(bad), client.step(START, pose=bad), client.step(START, twist=bad)):
             assert step.fresh
             assert step.status == "invalid", bad
             assert not step.twist.any()
-    for more in ({"dt": "x"}, {"age": None}, {"dt": np.nan}, {"age": -5}, {"observed": [2] * 32}):
+    for more in (
+        {"dt": "x"},
+        {"dt": 10**400},
+        {"age": 10**400},
+        {"age": None},
+        {"dt": np.nan},
+        {"age": -5},
+        {"observed": [2] * 32},
+    ):
         assert client.step(START, **more).status == "invalid", more
 
 
@@ -123,7 +142,7 @@ def test_after_a_pause_it_asks_what_the_robot_did(client: Client) -> None:
         step = client.step(START)
         assert not step.fresh
         assert not step.send
-        assert "passed between two calls" in step.reason
+        assert "passed between two twists" in step.reason
         assert client.waits
     client.reset()
     step = client.step(START)
@@ -438,7 +457,7 @@ def test_a_motion_that_was_measured_long_ago_is_not_taken_over(fake: Fake, faked
     faked.reset(twist)
     time.sleep(0.1)
     step = faked.step(START)
-    assert "passed between two calls" in step.reason
+    assert "passed between two twists" in step.reason
     assert not step.fresh
     assert faked.waits
     assert not fake.requests
@@ -457,7 +476,7 @@ def test_after_a_pause_the_stop_has_gone_on(fake: Fake, faked: Client) -> None:
     time.sleep(0.4)
     step = faked.step(START)
     passed = float(step.reason.split()[0])  # two decimals of it are said
-    assert "passed between two calls" in step.reason
+    assert "passed between two twists" in step.reason
     np.testing.assert_allclose(step.twist, 0.1 * (1 - passed), atol=0.0006)
     following = faked.step(START)
     np.testing.assert_allclose(following.twist, step.twist - 0.001)
@@ -485,10 +504,10 @@ def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, faked: Cl
     fake.answer = slow
     faked.reset()
     assert faked.step(START).fresh  # it stood meanwhile
-    faked._called = time.perf_counter() - 0.05
+    faked._returned = time.perf_counter() - 0.05
     step = faked.step(START)
     assert not step.fresh
-    assert "passed between two calls" in step.reason
+    assert "passed between two twists" in step.reason
     assert 0.06 < step.twist[0] < 0.0801
     assert faked.waits
     assert not step.send
@@ -500,8 +519,92 @@ def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, faked: Cl
     step = faked.step(START)
     assert not step.fresh
     assert not step.send
-    assert "passed between two calls" in step.reason
+    assert "passed between two twists" in step.reason
     assert faked.waits
+
+
+def test_a_pause_is_measured_from_twist_to_twist(fake: Fake, faked: Client) -> None:
+    faked._longest, faked.timeout = 0.1, 2.0
+    faked.reset()
+    assert faked.step(START).send
+    time.sleep(0.065)
+
+    def slow(asked: bytes) -> bytes:
+        time.sleep(0.065)
+        return told(asked, knots=10)
+
+    fake.answer = slow
+    step = faked.step(START)
+    assert not step.fresh
+    assert not step.send
+    assert "passed between two twists" in step.reason
+
+
+def test_without_a_session_the_stop_goes_on_in_a_pause(fake: Fake, faked: Client) -> None:
+    fake.answer = lambda asked: told(asked, knots=50)
+    faked._longest = 0.1
+    faked.reset()
+    assert faked.step(START).fresh
+    fake.answer = lambda asked: note(Tell.unknown, HEAD.unpack_from(asked)[4], "who?")
+    step = faked.step(START)
+    assert step.send
+    np.testing.assert_allclose(step.twist, 0.098)
+    for number in (1, 2):
+        time.sleep(0.2)
+        step = faked.step(START)
+        assert not step.send
+        assert step.twist[0] < 0.1 - 0.04 * number + 0.0021
+    time.sleep(0.3)
+    assert not faked.step(START).twist.any()
+    # Then it stands, and may do so for any time.
+    faked.reset()
+    fake.answer = lambda asked: told(asked, knots=50)
+    assert faked.step(START).send
+
+
+def test_who_asks_and_leaves_ends_nothing(service: Running) -> None:
+    pid = service.worker()
+    for _ in range(5):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
+            other.connect(str(service.socket()))
+            other.send(HEAD.pack(HEAD.size, 1, Ask.describe, 0, 1))
+    time.sleep(0.2)
+    assert service.worker() == pid
+
+
+@pytest.mark.parametrize("command", ["makes no library", "is no program", "fast"])
+def test_a_compiler_that_is_of_no_use_is_not_needed(
+    service: Running,
+    fake: Fake,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+) -> None:
+    made = tmp_path / "cc"
+    made.write_text(
+        {
+            "makes no library": "#!/bin/sh\nfor out; do :; done\necho none > $out\n",
+            "is no program": "none\n",
+            "fast": '#!/bin/sh\nexec cc -ffast-math "$@"\n',
+        }[command]
+    )
+    made.chmod(0o755)
+    monkeypatch.setenv("CC", str(made))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiler.cache_clear()
+    try:
+        client = service.client()
+    finally:
+        compiler.cache_clear()
+    with client:
+        client.reset()
+        assert client.step(START).fresh
+        client.close()
+        client._service.path = str(fake.path)
+        client.reset()
+        for wrong in (np.nan, np.inf):
+            fake.answer = lambda asked, wrong=wrong: told(asked, stop=wrong)
+            assert not client.step(START).fresh
 
 
 def test_a_request_that_cannot_be_sent_is_not_waited_for(fake: Fake, faked: Client) -> None:
@@ -518,7 +621,7 @@ def test_a_request_that_cannot_be_sent_is_not_waited_for(fake: Fake, faked: Clie
     assert step.solve_time < 0.4
 
 
-def test_a_signal_that_ends_a_call_costs_an_answer_and_no_more(fake: Fake, faked: Client) -> None:
+def test_after_a_signal_that_ends_a_call_it_goes_on(fake: Fake, faked: Client) -> None:
     faked.timeout = 2.0
     faked.reset()
     assert faked.step(START).fresh
@@ -606,6 +709,9 @@ def put(asked: bytes, place: int, value: bytes) -> bytes:
 
 
 WRONG: list[tuple[Callable[[bytes], bytes], str]] = [
+    (lambda a: put(a, 28, b"\x06"), "of status 6, which is unknown"),
+    (lambda a: told(a, stop=1e200), "with twists that are no numbers"),
+    (lambda a: told(a, knots=1, stop=5e-324), "with a stop that does not end at rest"),
     (lambda a: told(a, knots=65), "of 65 knots, allowed 64"),
     (lambda a: told(a, times=-0.01), "with a stop whose times do not grow"),
     (lambda a: told(a, times=0.0), "with a stop whose times do not grow"),

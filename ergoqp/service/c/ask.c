@@ -10,12 +10,16 @@
 #include <sys/socket.h>
 #include <time.h>
 
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "numbers that are none have to be seen: compile without -ffinite-math-only"
+#endif
+
 #define HUGE_SQUARE 1e12
 
 typedef struct {
     const char* request;
-    int32_t request_length, answer_length, version, step;
-    int32_t at_sequence, at_knots, at_twist, at_times, at_stop; /* of the frames [bytes] */
+    int32_t request_length, answer_length, version, step, statuses;
+    int32_t at_sequence, at_status, at_knots, at_twist, at_times, at_stop; /* of the frames [bytes] */
     int32_t numbers, knots;                                     /* doubles from the twist on; most knots */
 } asking;
 
@@ -36,20 +40,24 @@ static double squares(const double* numbers, int count) {
 /* Whether a whole answer is a step whose twist and stop can be executed. */
 static int usable(const asking* a, const char* answer) {
     const double *times = (const double*)(answer + a->at_times), *stop = (const double*)(answer + a->at_stop);
-    uint32_t length, knots, k;
+    uint32_t length, status, knots, k;
+    int i;
     uint16_t version, kind;
     memcpy(&length, answer, sizeof length);
     memcpy(&version, answer + 4, sizeof version);
     memcpy(&kind, answer + 6, sizeof kind);
+    memcpy(&status, answer + a->at_status, sizeof status);
     memcpy(&knots, answer + a->at_knots, sizeof knots);
-    if (length != (uint32_t)a->answer_length || version != a->version || kind != a->step || knots > (uint32_t)a->knots ||
+    if (status >= (uint32_t)a->statuses || length != (uint32_t)a->answer_length || version != a->version || kind != a->step || knots > (uint32_t)a->knots ||
         memcmp(answer + a->at_sequence, a->request + a->at_sequence, 8) != 0)
         return 0;
     if (!(squares((const double*)(answer + a->at_twist), a->numbers) < HUGE_SQUARE && squares(times, 7 * a->knots) < HUGE_SQUARE))
         return 0;
     for (k = 0; k < knots; ++k)
         if (!(times[k] > (k ? times[k - 1] : 0.0))) return 0;
-    return !knots || squares(stop + 6 * (knots - 1), 6) == 0.0;
+    for (i = 0; knots && i < 6; ++i)
+        if (stop[6 * (knots - 1) + i] != 0.0) return 0;
+    return 1;
 }
 
 /* Send the request, and wait until a time of the monotonic clock [s] for the first part of its answer, which is all of it but for

@@ -13,7 +13,7 @@
  *     for (;;) {                                       // once per period
  *         memcpy(in.posture, measured, 32 * sizeof(double));
  *         ergoqp_client_step(&client, &in, &out);      // 1: fresh; 0: out.twist is the next one of the stop
- *         send_to_robot(out.twist);
+ *         if (out.send) send_to_robot(out.twist);
  *     }
  *
  * The service never assumes that a robot stands, and neither does this client. So begin with `ergoqp_client_reset`, and
@@ -123,7 +123,7 @@ typedef struct {
 typedef struct {
     /* Yours to change after ergoqp_client_init. */
     double timeout;    /* how long a call may wait [s]; half a period */
-    double longest_dt; /* longest time between two calls [s]; 0: as the service says, 3 periods before it has answered */
+    double longest_dt; /* longest time between two twists [s]; 0: as the service says, 3 periods before it has answered */
     int explain;       /* 1: the service writes reasons in full */
     double speed[6], acceleration[6]; /* limits of a relay's output: those of the service, or of ergoqp_client_limits */
 
@@ -137,7 +137,7 @@ typedef struct {
     int has_relay, called, paused;
     uint32_t coordinates, followed, begin, holds, place;
     double dt;
-    int64_t called_at;
+    int64_t called_at, returned_at;
     ergoqp_client_link service, relay;
     uint64_t session, sequence, acted, number, pending_session, pending;
     double guide[16], promise, previous[6], current[6], told_longest;
@@ -341,13 +341,17 @@ static inline void ergoqp_client_priv_forget(ergoqp_client* c) {
 /* Notes that so many seconds have passed since a twist was given, in which the robot went on. Returns whether it is not known
  * any more what the robot does. */
 static inline int ergoqp_client_priv_paused(ergoqp_client* c, double seconds) {
-    const int is_known = c->session || c->begin == ERGOQP_CLIENT_FLAG_TAKES_OVER;
-    if (!is_known || c->has_relay) return 0;
+    double twist[6];
+    int i, moves = c->session || c->begin == ERGOQP_CLIENT_FLAG_TAKES_OVER;
+    /* Without a session the robot goes on with the stop. */
+    ergoqp_client_priv_at_followed(c, twist);
+    for (i = 0; i < 6; ++i) moves |= twist[i] != 0.0;
+    if (!moves || c->has_relay) return 0;
     ergoqp_client_priv_forget(c);
     c->paused = 1;
     /* A robot that has a timeout slowed down meanwhile. It must not be sent the speed that it had before. */
     ergoqp_client_priv_pass(c, seconds / c->dt - 1.0);
-    snprintf(c->why, sizeof c->why, "%.2f s passed between two calls: %s", seconds, ERGOQP_CLIENT_REPORT);
+    snprintf(c->why, sizeof c->why, "%.2f s passed between two twists: %s", seconds, ERGOQP_CLIENT_REPORT);
     return 1;
 }
 
@@ -604,8 +608,9 @@ static inline int ergoqp_client_priv_call(ergoqp_client* c, const ergoqp_client_
     const int64_t now = ergoqp_client_priv_now(), until = now + (int64_t)(1e9 * c->timeout);
     const double gap = c->called ? 1e-9 * (double)(now - c->called_at) : 0.0;
     const double longest = c->longest_dt > 0 ? c->longest_dt : c->told_longest;
-    double waited;
-    int fresh;
+    double since = c->called ? 1e-9 * (double)(now - c->returned_at) : 0.0;
+    int64_t end;
+    int fresh, paused;
     /* A faster robot is somewhere between two twists: the next line begins there. */
     if (c->called) {
         double there[6];
@@ -617,15 +622,17 @@ static inline int ergoqp_client_priv_call(ergoqp_client* c, const ergoqp_client_
         }
         memcpy(c->previous, there, sizeof there);
     }
-    if (gap > longest) ergoqp_client_priv_paused(c, gap);
+    paused = since > longest && ergoqp_client_priv_paused(c, since);
     c->called = 1;
     c->called_at = now;
     fresh = c->has_relay ? ergoqp_client_priv_ask_relay(c, until) : 1;
     fresh = fresh && (c->session || c->begin) && ergoqp_client_priv_exchange(c, in, bits, until);
     fresh = fresh && (!c->has_relay || ergoqp_client_priv_relay(c, until));
     /* This program may have been stopped while it waited. */
-    waited = 1e-9 * (double)(ergoqp_client_priv_now() - now);
-    if (waited > longest && ergoqp_client_priv_paused(c, gap + waited)) fresh = 0;
+    end = ergoqp_client_priv_now();
+    since += 1e-9 * (double)(end - now);
+    c->returned_at = end;
+    if (since > longest && !paused && ergoqp_client_priv_paused(c, since)) fresh = 0;
     if (fresh) {
         ergoqp_client_priv_adopt(c);
     } else {
@@ -657,7 +664,7 @@ static inline void ergoqp_client_priv_begin(ergoqp_client* c, uint32_t how, cons
     c->begin = how;
     /* From here on the time of a motion counts. A robot that stands may do so for any time. */
     c->called = twist != NULL;
-    c->called_at = ergoqp_client_priv_now();
+    c->called_at = c->returned_at = ergoqp_client_priv_now();
 }
 
 /* ---------------------------------------- the calls */
