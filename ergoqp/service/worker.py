@@ -189,9 +189,9 @@ class Worker:
                 self._step(client, sequence)
             # A client sends one request at a time, but its next one may have arrived.
             rest = client.filled - length
-            if rest > 0:
+            if rest > 0:  # of one that has ended it is negative
                 client.view[:rest] = bytes(client.view[length : client.filled])
-            client.filled = max(rest, 0)  # none of one that has ended
+            client.filled = rest
 
     def _step(self, client: Client, sequence: int) -> None:
         loop = client.loop

@@ -520,6 +520,13 @@ def test_a_program_that_stopped_while_it_waited_has_paused(fake: Fake, puppet: P
     assert puppet.ask("send") == "0"
     assert "passed between two twists" in puppet.reason
     assert puppet.waits
+    # What counts is the time from twist to twist.
+    waits[:0] = [0.0, 0.13]
+    puppet.ask("reset")
+    assert puppet.step(START).fresh
+    time.sleep(0.13)
+    assert not puppet.step(START).fresh
+    assert puppet.waits
     # It has paused as well if no answer is there then.
     puppet.ask("reset")
     assert puppet.step(START).fresh

@@ -10,10 +10,6 @@
 #include <sys/socket.h>
 #include <time.h>
 
-#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
-#error "numbers that are none have to be seen: compile without -ffinite-math-only"
-#endif
-
 #define HUGE_SQUARE 1e12
 
 typedef struct {
