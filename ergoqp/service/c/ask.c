@@ -1,5 +1,5 @@
 /* A question of the client in Python and the wait for its answer, in one call: between two of its periods the processor forgets
- * the lines of Python that do the same (`ergoqp.service.stream` and `Answer.wrong`), which then cost up to 50 us.
+ * the lines of Python that do the same (`ergoqp.service.stream` and `Answer.wrong`), which then cost some 30 us.
  *
  * It decides nothing that is not plain: what did not come in time, or is no usable step, is left to Python as it arrived. */
 #define _GNU_SOURCE
