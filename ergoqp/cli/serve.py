@@ -15,7 +15,6 @@ from ergoqp.errors import InputError
 from ergoqp.problem.load import find_problem, problem_names
 from ergoqp.service.c_header import header
 from ergoqp.service.folder import private_folder
-from ergoqp.service.recorder import check_record
 from ergoqp.service.schema import schema
 from ergoqp.service.served import Served, served
 from ergoqp.service.stdio import serve_stdio
@@ -124,6 +123,8 @@ def command(
     if not problems:
         raise InputError("PROBLEM: got none, allowed one or more, such as screwing")
     if record is not None:
+        from ergoqp.service.recorder import check_record
+
         # A service that systemd starts again goes on in another file.
         check_record(record, again="LISTEN_FDS" in os.environ)
     served_problems = [served(name, dt, loops) for name in problems]
