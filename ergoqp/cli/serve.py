@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ergoqp.cli.common import writing
 from ergoqp.cli.options import Guide, folder_of, option
 from ergoqp.errors import InputError
 from ergoqp.problem.load import find_problem, problem_names
