@@ -181,6 +181,8 @@ def _write_units(folder: Path, loops: list[str], problems: list[str], options: A
         arguments.append(name)
         if value is not True:
             arguments.append(os.path.abspath(value) if is_path else str(value))
+    from ergoqp.cli.common import writing  # imports what draws progress
+
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in units(loops, arguments).items():
