@@ -138,6 +138,9 @@ class Client:
         self._pending: tuple[int, int, float] | None = None
         self._acceleration = np.array(self.description["acceleration"], dtype=float)
         self._returned = -np.inf  # when the last twist was returned
+        # Where the line of `twist_at` begins, since which step, and what it gave last.
+        self._line_from = self._line_at = np.zeros(6)
+        self._line_since = self._returned
         self._why = f"the service was not told yet what the robot does: {_ASK}"
 
     @property
@@ -229,6 +232,26 @@ class Client:
                 break
         return np.array(twists)
 
+    def twist_at(self, seconds: float) -> np.ndarray:
+        """Return the twist (6,) for a robot that is faster than the loop [m/s, rad/s].
+
+        It follows a straight line from the last twist that this gave before the step to the twist
+        of the step, within one period, and then the stop. So the robot is one period later than one
+        that holds each twist: add `dt` to ``delay`` of the problem's ``[robot]``.
+
+        Args:
+            seconds: time since `step` returned [s].
+        """
+        if self._line_since != self._returned:
+            self._line_since, self._line_from = self._returned, self._line_at
+        seconds, executed = max(0.0, _number(seconds)), self._followed * self._dt_of_answer
+        if seconds < self.dt:
+            start, end = self._line_from, self._plan.at(executed)
+            self._line_at = start + (end - start) * (seconds / self.dt)
+        else:
+            self._line_at = self._plan.at(executed + seconds - self.dt)
+        return self._line_at.copy()
+
     def reset(self, twist: Any = None) -> None:
         """Report what the robot does, and begin anew with the next step.
 
@@ -250,6 +273,7 @@ class Client:
             # From here on its time counts. A robot that stands may do so for any time.
             self._returned = time.perf_counter()
         self._plan = ramp(moves, self._acceleration, self.dt)
+        self._line_from = self._line_at = moves
         self._begin, self._followed, self._dt_of_answer = begin, 0.0, self.dt
         self._session = self._again = self._hold = 0
         self._pending, self._paused = None, False

@@ -407,6 +407,39 @@ def faked(service: Running, fake: Fake) -> Iterator[Client]:
         yield found
 
 
+def test_a_faster_robot_is_led_along_straight_lines(fake: Fake, faked: Client) -> None:
+    fake.answer = lambda asked: told(asked, knots=4)
+    faked.reset()
+    assert faked.step(START).fresh
+    for seconds, share in (
+        (-1.0, 0.0),
+        (0.0, 0.0),
+        (0.0025, 0.25),
+        (0.01, 1.0),
+        (0.015, 0.875),
+        (0.02, 0.75),
+        (0.05, 0.0),
+        (9.0, 0.0),
+        (0.005, 0.5),
+    ):
+        np.testing.assert_allclose(faked.twist_at(seconds), 0.1 * share, atol=1e-15)
+    # The next line begins where the last one had come to.
+    fake.answer = lambda asked: told(asked, twist=-0.1, knots=4)
+    assert faked.step(START).fresh
+    for seconds, twist in ((0.0, 0.05), (0.005, -0.025), (0.01, -0.1)):
+        np.testing.assert_allclose(faked.twist_at(seconds), twist, atol=1e-15)
+    # Without an answer it leads along the stop.
+    fake.answer = lambda asked: None
+    assert not faked.step(START).fresh
+    for seconds, twist in ((0.0, -0.1), (0.005, -0.0875), (0.01, -0.075), (0.02, -0.05)):
+        np.testing.assert_allclose(faked.twist_at(seconds), twist, atol=1e-15)
+    faked.reset()
+    assert not faked.twist_at(0.005).any()
+    limit = np.array(faked.description["acceleration"])
+    faked.reset(0.04 * limit)
+    np.testing.assert_array_equal(faked.twist_at(0.0), 0.04 * limit)
+
+
 def test_reset_drops_the_stop(fake: Fake, faked: Client) -> None:
     faked.reset()
     assert faked.step(START).fresh
