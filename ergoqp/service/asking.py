@@ -14,16 +14,8 @@ from ergoqp.step.causes import Status
 
 _PLACES = (
     *("request_length", "answer_length", "version", "step", "statuses"),
-    *(
-        "at_sequence",
-        "at_status",
-        "at_knots",
-        "at_twist",
-        "at_times",
-        "at_stop",
-        "numbers",
-        "knots",
-    ),
+    *("at_sequence", "at_status", "at_knots", "at_twist", "at_times", "at_stop"),
+    *("numbers", "knots"),
 )
 
 
