@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Iterable
 from functools import lru_cache
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,13 +58,13 @@ GROUPS: Final = {
 """Groups of entry points by kind of term."""
 
 
-def _installed() -> EntryPoints:
+def _installed() -> Any:
     """Return all entry points. Reading them takes 10 ms, and is asked for by every term."""
     return _installed_on(tuple(sys.path))
 
 
 @lru_cache(maxsize=1)
-def _installed_on(_: tuple[str, ...]) -> EntryPoints:
+def _installed_on(_: tuple[str, ...]) -> Any:
     return entry_points()
 
 
