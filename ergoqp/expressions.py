@@ -93,6 +93,16 @@ def is_set(flag: Any) -> Any:
     return flag > 0.5
 
 
+def present(number: Any) -> bool:
+    """Return whether a number is not zero; a symbol stands for one that is not."""
+    return isinstance(number, (ca.SX, ca.MX)) or bool(number)
+
+
+def column(numbers: Any) -> Any:
+    """Return numbers as CasADi takes them; symbols are returned unchanged."""
+    return numbers if isinstance(numbers, (ca.SX, ca.MX)) else ca.DM(numbers)
+
+
 def largest(values: Expression, of_none: float = 0.0) -> Expression:
     """Return the largest entry, or `of_none` if there is no entry."""
     return ca.mmax(values) if values.numel() else type(values)(of_none)

@@ -39,7 +39,7 @@ def steps_of_a_file_are_built_once() -> Iterator[None]:
     from ergoqp.step import stepper
     from ergoqp.step.model import callers
 
-    build, built = stepper.step_function, {}
+    build, built = stepper.shared_step, {}
 
     def once(problem: Any, solver: Any = "daqp", compiled: Any = False, **options: Any) -> Any:
         try:
@@ -55,7 +55,7 @@ def steps_of_a_file_are_built_once() -> Iterator[None]:
         return built[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stepper, "step_function", once)
+        patch.setattr(stepper, "shared_step", once)
         yield
 
 

@@ -39,9 +39,9 @@ from ergoqp.native.compiled import (
 )
 from ergoqp.problem.problem import Problem
 from ergoqp.step.certification import longest_stop
+from ergoqp.step.constants import stand_in
 from ergoqp.step.function import build_step
 from ergoqp.step.guide import read_guide
-from ergoqp.step.model import stand_in
 from ergoqp.step.rest import UNKNOWN
 
 _RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}

@@ -283,11 +283,13 @@ class Offsets:
     Args:
         body: the loaded body.
         growth: relative growth (14,) in the order of `GROWTH`, or None for none.
+        offsets: symbols that take the place of the offsets of the body, see `offsets_of`, or None.
     """
 
-    def __init__(self, body: Body, growth: ca.SX | None) -> None:
+    def __init__(self, body: Body, growth: ca.SX | None, offsets: ca.SX | None = None) -> None:
         """Compute the slopes of the offsets, (n, 3, 14) each, from larger bodies."""
         self._model, self._growth = body.model, growth
+        self._symbols = None if offsets is None else _placed(offsets)
         if growth is None:
             return
         here = _positions(body)
@@ -308,6 +310,8 @@ class Offsets:
         return self._grown(self._model.site_pos[number], 1, number)
 
     def _grown(self, nominal: np.ndarray, which: int, number: int) -> ca.SX:
+        if self._symbols is not None:
+            return self._symbols[which][number]
         if self._growth is None:
             return ca.SX(ca.DM(nominal))
         slope = self._slopes[which][number]
@@ -316,6 +320,39 @@ class Offsets:
 
 def _positions(body: Body) -> tuple[np.ndarray, np.ndarray]:
     return body.model.body_pos.copy(), body.model.site_pos.copy()
+
+
+@lru_cache(maxsize=1)
+def _nonzero() -> tuple[np.ndarray, np.ndarray]:
+    """Return which offsets of bodies and sites (n, 3) are not zero in a body of any size."""
+    bodies, sites = _positions(Body())
+    # The pelvis is where the kinematics begin.
+    bodies[: Body().model.body("pelvis").id + 1] = 0
+    return bodies != 0, sites != 0
+
+
+def offsets_of(body: Body) -> np.ndarray:
+    """Return the offsets of bodies and sites that are not zero, one after the other (k,) [m].
+
+    They are all that the kinematics of two bodies differ in.
+    """
+    parts = zip(_positions(body), _nonzero(), strict=True)
+    return np.concatenate([part[chosen] for part, chosen in parts])
+
+
+def _placed(offsets: ca.SX) -> list[list[ca.SX]]:
+    """Return the offset (3,) of each body and of each site, from those of `offsets_of`."""
+    number, parts = 0, []
+    for chosen in _nonzero():
+        part = []
+        for row in chosen:
+            place = ca.SX(3, 1)
+            for axis in np.flatnonzero(row).tolist():
+                place[axis] = offsets[number]
+                number += 1
+            part.append(place)
+        parts.append(part)
+    return parts
 
 
 Expression = TypeVar("Expression", ca.SX, ca.MX, ca.DM)
@@ -363,6 +400,8 @@ class Kinematics:
         body: the person; all numbers come from its loaded MuJoCo model.
         growth: relative growth of the person over `body`, in the order of
             `ergoqp.human.body.GROWTH`; None: no growth.
+        offsets: symbols (k,) that take the place of the offsets of `body`, in the order of
+            `ergoqp.human.body.offsets_of`; None: its own.
 
     Example:
         >>> import numpy as np
@@ -373,10 +412,13 @@ class Kinematics:
         ([0.0, -0.16, -0.17], (6, 32))
     """
 
-    def __init__(self, body: Body, growth: ca.SX | None = None) -> None:
+    def __init__(
+        self, body: Body, growth: ca.SX | None = None, offsets: ca.SX | None = None
+    ) -> None:
         """Read the tree of the loaded model."""
         self.body, self._growth = body, growth
-        self._offsets = Offsets(body, growth)
+        self._given = offsets
+        self._offsets = Offsets(body, growth, offsets)
         self._q = ca.SX.sym("q", len(JOINTS))
         self._bodies = _forward(body.model, self._offsets, self._q)
         self._functions: dict[str, ca.Function] = {}
@@ -408,6 +450,7 @@ class Kinematics:
             jacobian[3:, joint] = axis
         outputs = ca.cse([_clean(origin), orientation, _clean(jacobian)])
         given = {"q": self._q} | ({} if self._growth is None else {"growth": self._growth})
+        given |= {} if self._given is None else {"offsets": self._given}
         self._functions[frame] = ca.Function(
             frame, list(given.values()), outputs, list(given), ["position", "rotation", "jacobian"]
         )
@@ -420,7 +463,8 @@ class Kinematics:
         """
         # If the body has a growth, growth and posture are symbols of the same type.
         function, growth = self.function(frame), self._growth
-        frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
+        more = [each for each in (growth, self._given) if each is not None]
+        frames = function(cast("ca.SX", q), *more)
         position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
         return position, rotation, jacobian
 

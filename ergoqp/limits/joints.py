@@ -114,15 +114,23 @@ class JointLimit:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return ``lower``, ``upper`` [rad] and ``rate`` [rad/s] of every joint (32,)."""
+        lower, upper = self.range
+        return {
+            "lower": lower,
+            "upper": upper,
+            "rate": np.full(len(JOINTS), np.radians(self.rate_deg)),
+        }
+
     def rows(self, context: LimitContext) -> Rows:
         """Return one row per joint. The row of a joint that the object cannot move is zero."""
-        lower, upper = self.range
+        given = context.given(self)
         q, seen = context.posture, context.observed
         landed = q + context.shift
-        below = ca.if_else(seen, landed - ca.DM(lower), ca.inf)
-        above = ca.if_else(seen, ca.DM(upper) - landed, ca.inf)
-        rate = ca.DM([np.radians(self.rate_deg)] * len(JOINTS))
-        return Rows(context.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
+        below = ca.if_else(seen, landed - given.lower, ca.inf)
+        above = ca.if_else(seen, given.upper - landed, ca.inf)
+        return Rows(context.sensitivity, below, above, given.rate, ca.DM.zeros(len(JOINTS)))
 
     def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the path, by the linear model of the person."""

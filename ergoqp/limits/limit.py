@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Annotated, Any, Final, Protocol
 
 import casadi as ca
@@ -50,6 +51,8 @@ class LimitContext:
             acceleration (6,) [m, rad]. None: zero.
         overshoot_bound: largest addition of a rising mean at any twist (6,) [m, rad]. The
             displacement contains up to this much of it, independently along each axis. None: zero.
+        numbers: gives the symbols that stand for the numbers of a limit, by their names in
+            `Limit.constants`, or None if they are written into the expressions.
 
     Example:
         >>> import casadi as ca
@@ -78,6 +81,18 @@ class LimitContext:
     overshoot_angle: Expression | None = None
     overshoot: Expression | None = None
     overshoot_bound: Expression | None = None
+    numbers: Callable[[Any], Any] = lambda limit: None
+
+    def given(self, limit: Any) -> Any:
+        """Return the numbers of a limit, by their names in `Limit.constants`.
+
+        In the step they are inputs of its functions, so that one function serves all problems that
+        differ in numbers only. Elsewhere they are the numbers themselves.
+        """
+        symbols = self.numbers(limit)
+        if symbols is not None:
+            return symbols
+        return SimpleNamespace(**{n: ca.DM(value) for n, value in limit.constants().items()})
 
     def straight(self, displacement: Expression) -> Expression:
         """Return a displacement of `Limit.margins` (6,) without the addition of a rising mean.
@@ -190,7 +205,7 @@ Recovery = Annotated[float, Range(*RECOVERY_TIMES, "s")]
 
 
 class Limit(Protocol):
-    """The members of a limit. The last eight of the list may be left out.
+    """The members of a limit. The last nine of the list may be left out.
 
     Attributes:
         names: name of each row, unique in a problem.
@@ -226,6 +241,8 @@ class Limit(Protocol):
             ``"outside"``.
         state: names of the coordinates that the limit is about. Default: any.
         commanded: whether the twist must be the velocity of that state itself. Default: False.
+        constants: a method that returns the numbers that its rows and margins read with
+            `LimitContext.given`, by name. Default: they are written into the expressions.
 
     Example:
         >>> import ergoqp

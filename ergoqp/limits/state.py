@@ -243,6 +243,10 @@ class ArmLength:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return the ``length`` [m]."""
+        return {"length": np.array([self.length])}
+
     def rows(self, context: LimitContext) -> Rows:
         """Return the tangent: the rate at which the distance of the two points grows.
 
@@ -255,7 +259,7 @@ class ArmLength:
 
     def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
         """Return minus the present error of the length; projection keeps it on the whole path."""
-        return -ca.fabs(_distance(context.posture) - self.length)
+        return -ca.fabs(_distance(context.posture) - context.given(self).length)
 
     def aside(self, limit: TwistLimit) -> float:
         """Return the acceleration that keeping and correcting the length can need [m/s^2].

@@ -14,6 +14,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_parameters, names_of, shown
 from ergoqp.errors import InputError
+from ergoqp.expressions import column, present
 from ergoqp.limits.limit import Expression, LimitContext
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -106,6 +107,8 @@ class Stop:
     - The last period of a stop is a line down to rest. It ends later than the stop, which adds at
       most min(u h / 2, a h^2 / 8).
 
+    In the step its numbers are symbols, see `StepModel.stop`; one that is zero stays a number.
+
     Attributes:
         limit: speeds and accelerations.
         average: W, length of the moving average [s].
@@ -133,7 +136,7 @@ class Stop:
 
         The twist under way may have been faster.
         """
-        return self.stretch * (self.hold + 2 * self.memory) if self.hold else 0.0
+        return self.stretch * (self.hold + 2 * self.memory) if present(self.hold) else 0.0
 
     @property
     def duration(self) -> float:
@@ -148,7 +151,7 @@ class Stop:
 
     def time(self, twist: ca.SX) -> ca.SX:
         """Return the duration of the stop from a planned twist (6,) [s]."""
-        return ca.mmax(ca.fabs(twist) / ca.DM(self.limit.acceleration))
+        return ca.mmax(ca.fabs(twist) / column(self.limit.acceleration))
 
     def displacement(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
         """Return the largest displacement (6,) [m, rad] by a planned twist.
@@ -170,7 +173,7 @@ class Stop:
 
     def most(self, dt: Expression) -> Expression:
         """Return the largest addition of a rising mean per axis (6,), at any twist [m, rad]."""
-        return self.stretch * self.rise(dt) * ca.DM(self.limit.acceleration)
+        return self.stretch * self.rise(dt) * column(self.limit.acceleration)
 
     def ways(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
         """Return the displacements (6, k) from which margins are computed.
@@ -179,7 +182,7 @@ class Stop:
         and, with a moving average, `lead` and `most`.
         """
         ways = [self.displacement(twist, dt)]
-        if self.hold:
+        if present(self.hold):
             ways.append(ways[0] + self.stretch * self.hold * twist)
         return ca.horzcat(*ways, *([self.lead(twist), self.most(dt)] if self.average else []))
 
@@ -191,8 +194,8 @@ class Stop:
             dt: period [s].
         """
         limit = self.limit
-        speed, acceleration = ca.DM(limit.speed), ca.DM(limit.acceleration)
-        if limit.aside:
+        speed, acceleration = column(limit.speed), column(limit.acceleration)
+        if present(limit.aside):
             speed = ca.fmax(0, speed - limit.aside * dt)
         stop = self.time(previous)
         twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
@@ -226,9 +229,9 @@ class Braking:
     stop: Stop
 
     @property
-    def acceleration(self) -> ca.DM:
+    def acceleration(self) -> Expression:
         """Largest acceleration per axis (6,)."""
-        return ca.DM(self.stop.limit.acceleration)
+        return column(self.stop.limit.acceleration)
 
     @property
     def swing(self) -> Expression:
@@ -264,7 +267,7 @@ class Braking:
             left = ca.fmax(left - slowing * (law.stretch * law.rise(self.dt)), ca.fmin(left, 0))
         # v = d / (h + H) up to the knee. Beyond it: the parabola that is tangent there,
         # (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2.
-        if not law.held:
+        if not present(law.held):
             knee = slowing * self.reach**2
             return (
                 ca.sqrt(slowing * (2 * ca.fmax(left, knee) - knee))

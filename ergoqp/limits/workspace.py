@@ -15,7 +15,14 @@ from ergoqp.arguments import Range, check_parameters
 from ergoqp.errors import InputError
 from ergoqp.expressions import turned
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
+from ergoqp.limits.limit import (
+    Expression,
+    LimitContext,
+    Recovery,
+    Rows,
+    straight_margins,
+    three,
+)
 
 _AXIS_NAMES: Final = ("x", "y", "z")
 
@@ -75,15 +82,19 @@ class WorkspaceBox:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return ``lower`` and ``upper`` (3,) [m]."""
+        return {"lower": np.array(self.lower), "upper": np.array(self.upper)}
+
     def rows(self, context: LimitContext) -> Rows:
         """Return one row per axis."""
-        point = context.pose[:3, 3]
+        point, given = context.pose[:3, 3], context.given(self)
         matrix = ca.DM(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
         free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
         return context.reduced(
             self.names[0],
-            Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight),
+            Rows(matrix, point - given.lower, given.upper - point, free, straight),
         )
 
     def margins(self, context: LimitContext, displacement: ca.SX) -> ca.SX:
@@ -151,6 +162,11 @@ class AxisCone:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return ``direction`` (3,) and ``half_angle`` [rad]."""
+        half = np.array([np.radians(self.half_angle_deg)])
+        return {"direction": np.array(self.direction), "half_angle": half}
+
     def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the angle between the tool's axis and the direction.
 
@@ -163,9 +179,10 @@ class AxisCone:
         axis = context.pose[:3, 0]
         turn = context.stop_displacement[3:]
         change = ca.norm_2(context.change[3:])
-        _, sine, cosine = self._slope(axis)
-        matrix, _, _ = self._slope(turned(turn / 2, axis))
-        middle = ca.DM(self.direction)
+        given = context.given(self)
+        middle = given.direction
+        _, sine, cosine = _slope(middle, axis)
+        matrix, _, _ = _slope(middle, turned(turn / 2, axis))
         slope = matrix[0, 3:] @ turn
         bend = ca.fmax(
             0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn)
@@ -175,7 +192,7 @@ class AxisCone:
         along += _mixed(context, turn, change)
         if context.overshoot_bound is not None and context.overshoot_angle is not None:
             along += _beyond(context.overshoot_angle + ca.norm_2(context.overshoot_bound[3:]), sine)
-        above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start
+        above = given.half_angle - ca.atan2(sine, cosine) - start
         return context.reduced(
             self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along)
         )
@@ -188,7 +205,8 @@ class AxisCone:
         While the tool's axis a turns by phi about u, d . a(phi) = c + m cos(phi - phi0). The
         smallest value on [0, end] is at an end or where phi - phi0 = pi.
         """
-        middle, axis = ca.DM(self.direction), context.pose[:3, 0]
+        given, axis = context.given(self), context.pose[:3, 0]
+        middle = given.direction
         turn = context.straight(displacement)[3:]
         end = ca.sqrt(ca.sumsqr(turn) + 1e-24)
         u = turn / end
@@ -199,7 +217,7 @@ class AxisCone:
         farthest = ca.pi + ca.atan2(sine, cosine)
         passes = ca.logic_and(farthest >= 0, farthest <= end)
         least = ca.fmin(at_end, ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
-        start, along = _uncertain(context, self._slope(axis)[1], end)
+        start, along = _uncertain(context, _slope(middle, axis)[1], end)
         along += _mixed(context, turn)
         lead, most, raised = context.overshoot, context.overshoot_bound, context.overshoot_angle
         if lead is not None and most is not None and raised is not None:
@@ -210,7 +228,7 @@ class AxisCone:
                 + u * ca.dot(u, axis) * (1 - ca.cos(end))
             )
             rows, sines, _ = zip(
-                *(self._slope(place) for place in (axis, turned_axis)), strict=True
+                *(_slope(middle, place) for place in (axis, turned_axis)), strict=True
             )
             rates = [ca.fmin(ca.fmax(row[0, 3:] @ u, 0), 1) for row in rows]
             reach = ca.fmax(*(ca.fabs(row) @ most for row in rows))
@@ -219,22 +237,23 @@ class AxisCone:
             )
             start, along = start + here, along + there
         lost = context.margin_reduction.get(self.names[0], (0, 0))[1]
-        return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
+        nearest, farthest = (
+            given.half_angle - ca.acos(ca.fmax(-1.0, ca.fmin(1.0, part)))
+            for part in (constant + cosine, least)
+        )
+        return ca.fmin(nearest, farthest - along) - start - lost
 
-    def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return the rate (1, 6) per twist of the angle between the direction and an axis (3,).
 
-        The sine and the cosine of that angle are returned too.
-        """
-        middle = ca.DM(self.direction)
-        normal = ca.cross(middle, axis)
-        sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
-        matrix = ca.SX(1, 6)
-        matrix[0, 3:] = (normal / sine).T
-        return matrix, sine, cosine
+def _slope(middle: Expression, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return the rate (1, 6) per twist of the angle between the direction and an axis (3,).
 
-    def _within(self, cosine: ca.SX) -> ca.SX:
-        return np.radians(self.half_angle_deg) - ca.acos(ca.fmax(-1.0, ca.fmin(1.0, cosine)))
+    The sine and the cosine of that angle are returned too.
+    """
+    normal = ca.cross(middle, axis)
+    sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
+    matrix = ca.SX(1, 6)
+    matrix[0, 3:] = (normal / sine).T
+    return matrix, sine, cosine
 
 
 def _uncertain(context: LimitContext, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, Final, Literal
 
 import casadi as ca
@@ -20,7 +20,7 @@ from ergoqp.arguments import Range, check_kind, check_parameters, names_of, show
 from ergoqp.errors import InputError
 from ergoqp.expressions import pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.body import base_jacobian
+from ergoqp.human.body import base_jacobian, offsets_of
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
 from ergoqp.responses.stance_and_gaze import (
     HANGING_DEG,
@@ -100,21 +100,21 @@ def per_joint(
 
 
 def sensitivity_function(
-    geometry: ca.Function, chain: list[int], hanging: list[int], damping: float, hands: int
+    geometry: ca.Function, chain: list[int], hanging: list[int], hands: int
 ) -> ca.Function:
-    """Return ``(q, locked) -> (S, E)`` from the geometry, as products of matrices.
+    """Return ``(q, locked, ...) -> (S, E)`` from the geometry, as products of matrices.
 
     Args:
-        geometry: ``(q (32,), locked (32,)) -> (K', W^-1 K', softness, wanted, legs, swing)`` of
-            `ergoqp.responses.stance_and_gaze`.
+        geometry: ``(q (32,), locked (32,), ...) -> (K', W^-1 K', softness, wanted, legs, swing,
+            damping^2)`` of `ergoqp.responses.stance_and_gaze`. The damping is that of the rows of
+            the hands [m, rad]; further inputs are those of the function too.
         chain: joints from the trunk up for which K has columns, after the four of the pelvis; those
             of the trunk come first.
         hanging: joints that swing with those of the trunk.
-        damping: damping of the rows of the hands [m, rad].
         hands: number of the rows of the hands, which come first.
     """
-    q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
-    K, pull, softness, wanted, legs, swing = geometry(q, locked)
+    inputs, names = geometry.mx_in(), geometry.name_in()
+    K, pull, softness, wanted, legs, swing, damped = geometry.call(inputs)
     M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
     inverse = ca.Function("inverse", [M], [spd_inverse(M)])
     multipliers = inverse(K.T @ pull + softness) @ wanted
@@ -130,22 +130,43 @@ def sensitivity_function(
     places[hanging] = at_legs + 6 * len(LEGS) + np.arange(6 * len(hanging)).reshape(6, -1).T
     S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
     # G xi - J S xi: the rest due to damping, which is everything where the joints cannot follow.
-    E = damping**2 * multipliers[:hands, :]
-    return ca.Function(
-        "sensitivity", [q, locked], [S, ca.densify(E)], ["q", "locked"], ["sensitivity", "unmet"]
-    )
+    E = damped * multipliers[:hands, :]
+    return ca.Function("sensitivity", inputs, [S, ca.densify(E)], names, ["sensitivity", "unmet"])
 
 
-def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
-    """Return sensitivity, drift, contact, grips and reach, as `IkResponse` describes them."""
+class _Numbers:
+    """The numbers of a person, written into the functions or as further inputs of them."""
+
+    def __init__(self, person: IkResponse, shared: bool) -> None:
+        """Make symbols of the numbers of `IkResponse.constants` if the functions are shared."""
+        parts = person.constants()
+        self.inputs = {n: ca.SX.sym(n, len(value)) for n, value in parts.items()} if shared else {}
+        given = self.inputs or {name: ca.SX(ca.DM(value)) for name, value in parts.items()}
+        self.kinematics = person.kinematics
+        if shared:
+            self.kinematics = Kinematics(person.body, offsets=given["offsets"])
+        self.weights, self.comfort, self.seat = given["weights"], given["comfort"], given["seat"]
+        self.balance, self.relaxation_time = given["balance"], given["relaxation_time"]
+        self.damping, self.attention = given["damping"], given["attention"]
+
+
+def functions_of(person: IkResponse, shared: bool = False) -> tuple[ca.Function, ...]:
+    """Return sensitivity, drift, contact, grips and reach, as `IkResponse` describes them.
+
+    Args:
+        person: the person.
+        shared: whether the functions have the numbers of `IkResponse.constants` as further inputs,
+            so that they are those of every person of this kind.
+    """
     q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
-    weights, kinematics = ca.SX(ca.DM(person.weight_vector)), person.kinematics
+    numbers = _Numbers(person, shared)
+    weights, kinematics, more = numbers.weights, numbers.kinematics, numbers.inputs
     chain = [INDEX[joint] for joint in person.chain if joint in UPPER_BODY]
-    wish = (ca.SX(ca.DM(person.comfort)) - q) / person.relaxation_time * (1 - locked)
+    wish = (numbers.comfort - q) / numbers.relaxation_time * (1 - locked)
     if person.stance == "seated":
-        stance = seated(person.seat)
+        stance = seated(numbers.seat)
     else:
-        balance, time = person.balance, person.relaxation_time
+        balance, time = numbers.balance, numbers.relaxation_time
         stance = standing(kinematics, q, weights, locked, wish, balance, time)
     hands = [kinematics.at(f"{hand}_grip", q) for hand in person.hands]
     position, rotation = contact_frame([(p, r) for p, r, _ in hands], person.tool)
@@ -153,12 +174,13 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
         seen = gaze(kinematics, q, position, chain)
     else:
         seen = Gaze(ca.SX(0, 1), ca.SX(0, len(chain)), ca.SX(0, 3))
-    K, softness, wanted, kept = _rows(person, chain, stance, hands, position, rotation[:, 0], seen)
+    rows = _rows(person, numbers, chain, stance, hands, position, rotation[:, 0], seen)
+    K, softness, wanted, kept = rows
     free = (1 - locked[chain]) / weights[chain]
     pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
     pull = ca.diagcat(pelvis, ca.diag(free)) @ K.T
     inverse_M = spd_inverse(K @ pull + softness)
-    swing, fall = _swing(person, q)
+    swing, fall = _swing(person, numbers, q)
     side = len(hands)
 
     def in_joints(rates: ca.SX) -> ca.SX:
@@ -171,7 +193,7 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
         return spread
 
     own = ca.vertcat(stance.relax, wish[chain])
-    asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / person.relaxation_time)
+    asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / numbers.relaxation_time)
     relax = in_joints(own + pull @ (inverse_M @ (asked - K @ own)))
     if person.hanging is not None:
         relax[arm_of(person.hanging)] += fall * (1 - locked[arm_of(person.hanging)])
@@ -189,28 +211,33 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
         "wanted": wanted @ ca.diagcat(stance.yaw.T, stance.yaw.T),
         "legs": stance.legs[LEGS, :],
         "swing": swing * (1 - locked[swinging(person.hanging)]) if person.hanging else swing,
+        "damped": numbers.damping**2,
     }
+
+    def function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+        inputs = inputs | more
+        dense = ca.cse(list(map(ca.densify, outputs.values())))
+        return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
+
+    both = {"q": q, "locked": locked}
     base = pose_matrix(stance.position, stance.yaw)
     grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
-    poses = [base @ pose_matrix(position, rotation), base]
+    poses = {"contact": base @ pose_matrix(position, rotation), "pelvis": base}
     return (
         sensitivity_function(
-            ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
+            function("geometry", both, parts),
             chain,
             [] if person.hanging is None else swinging(person.hanging),
-            person.damping,
             6 * side,
         ),
-        ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
-        ca.Function(
-            "contact", [q], ca.cse(list(map(ca.densify, poses))), ["q"], ["contact", "pelvis"]
-        ),
-        ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
-        ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
+        function("drift", both, {"rates": relax}),
+        function("contact", {"q": q}, poses),
+        function("grips", {"q": q}, {"grips": grips}),
+        function("reach", {**both, "e": error}, {"step": reach}),
     )
 
 
-def _swing(person: IkResponse, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _swing(person: IkResponse, numbers: _Numbers, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return how a hanging arm turns with the trunk (2, 3), and its rates toward hanging (7,).
 
     The rates are in rad/s.
@@ -219,16 +246,18 @@ def _swing(person: IkResponse, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         return ca.SX(0, 3), ca.SX(0, 1)
     joints, arm = swinging(person.hanging), arm_of(person.hanging)
     trunk = ca.SX.sym("trunk", 3)
-    hangs = hanging(trunk, person.hanging, ca.SX(ca.DM(person.comfort[joints])))
-    both = ca.Function("hangs", [trunk], [hangs, ca.jacobian(hangs, trunk)])
-    down, swing = both(q[TRUNK])
-    goal = ca.SX(ca.DM(person.comfort[arm]))
+    ease = ca.SX.sym("ease", 2)
+    hangs = hanging(trunk, person.hanging, ease)
+    both = ca.Function("hangs", [trunk, ease], [hangs, ca.jacobian(hangs, trunk)])
+    down, swing = both(q[TRUNK], numbers.comfort[joints])
+    goal = numbers.comfort[arm]
     goal[[arm.index(joint) for joint in joints]] = down
-    return swing, (goal - q[arm]) / person.relaxation_time
+    return swing, (goal - q[arm]) / numbers.relaxation_time
 
 
 def _rows(
     person: IkResponse,
+    numbers: _Numbers,
     chain: list[int],
     stance: Stance,
     hands: list[tuple[ca.SX, ca.SX, ca.SX]],
@@ -250,13 +279,13 @@ def _rows(
         about.append(about_tool(axis, person.free_about_tool))
     turning = ca.diagcat(*about)
     kept = ca.SX.eye(6 * len(hands)) - turning
-    firm = turning + person.damping**2 * ca.SX.eye(6 * len(hands))
+    firm = turning + numbers.damping**2 * ca.SX.eye(6 * len(hands))
     # In pelvis axes, the work moves opposite to the pelvis.
     by_pelvis = -seen.by_work @ base_jacobian(work)[:3, :]
     if not stance.moves:
         by_pelvis = ca.SX(*by_pelvis.shape)
     count = seen.residual.shape[0]
-    lenient = ca.SX.eye(count) / person.attention if count else ca.SX(0, 0)
+    lenient = ca.SX.eye(count) / numbers.attention if count else ca.SX(0, 0)
     return (
         ca.vertcat(kept @ ca.vertcat(*moves), ca.horzcat(by_pelvis, seen.by_joints)),
         ca.diagcat(firm, lenient),
@@ -500,6 +529,44 @@ class IkResponse:
     @cached_property
     def _functions(self) -> tuple[ca.Function, ...]:
         return functions_of(self)
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return the numbers of the person, by name: all in which two of one kind differ.
+
+        They are the further inputs of the functions of `shared`.
+        """
+        seat = self.seat if self.stance == "seated" else 0.0
+        names = ("balance", "relaxation_time", "damping", "attention")
+        found = {"offsets": offsets_of(self.body), "weights": self.weight_vector}
+        found |= {"comfort": self.comfort, "seat": np.array([seat])}
+        return found | {name: np.array([getattr(self, name)]) for name in names}
+
+    def shared(self) -> tuple[ca.Function, ca.Function]:
+        """Return `sensitivity` and `contact` with the `constants` as further inputs."""
+        kind = (self.hands, self.stance, self.tool, self.free_about_tool, self.looks, self.hanging)
+        return _shared(*kind)
+
+
+@lru_cache(maxsize=16)
+def _shared(
+    hands: tuple[str, ...],
+    stance: Literal["standing", "seated"],
+    tool: Literal["along", "thumb"],
+    free_about_tool: bool,
+    looks: bool,
+    hanging: str | None,
+) -> tuple[ca.Function, ca.Function]:
+    """Return the functions of every person of a kind, see `IkResponse.shared`."""
+    kind = IkResponse(
+        hands=hands,
+        stance=stance,
+        tool=tool,
+        free_about_tool=free_about_tool,
+        looks=looks,
+        free_arm="rests" if hanging is None else "hangs",
+    )
+    found = functions_of(kind, shared=True)
+    return found[0], found[2]
 
 
 _OTHERS = ("body", "weights", "comfort_deg")

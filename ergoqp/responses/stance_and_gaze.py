@@ -77,10 +77,12 @@ class Stance:
     relax: ca.SX
 
 
-def seated(seat_height: float) -> Stance:
+def seated(seat_height: ca.SX) -> Stance:
     """Return the stance of a person whose pelvis stays at `seat_height` [m] above the floor."""
     empty = ca.SX(len(JOINTS), 4)
-    return Stance(False, ca.SX.eye(3), ca.SX([0, 0, seat_height]), ca.SX.eye(4), empty, ca.SX(4, 1))
+    return Stance(
+        False, ca.SX.eye(3), ca.vertcat(0, 0, seat_height), ca.SX.eye(4), empty, ca.SX(4, 1)
+    )
 
 
 def standing(
@@ -89,8 +91,8 @@ def standing(
     weights: ca.SX,
     locked: ca.SX,
     wish: ca.SX,
-    balance: float,
-    relaxation_time: float,
+    balance: ca.SX,
+    relaxation_time: ca.SX,
 ) -> Stance:
     """Return the stance of a person whose soles stay where they are.
 
@@ -125,7 +127,7 @@ def standing(
         heading += rotation[:2, 0]
         middle += true_position / 2
     # The pelvis relaxes to above the middle of the feet, as the joints relax to comfort.
-    over_floor = ca.diag(ca.DM([balance, balance, 0, 0]))
+    over_floor = ca.diag(ca.vertcat(balance, balance, 0, 0))
     weight += over_floor
     pull += over_floor @ ca.vertcat(middle[:2], 0, 0) / relaxation_time
     cos_sin = heading / ca.sqrt(ca.sumsqr(heading) + 1e-12)

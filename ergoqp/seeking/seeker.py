@@ -26,9 +26,9 @@ from ergoqp.problem.geometry import Workspace
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.seeking.next_place import Place, SearchState, SeekOptions, Try
+from ergoqp.step.constants import stand_in
 from ergoqp.step.given import number, truth
 from ergoqp.step.guide import Guide, read_guide
-from ergoqp.step.model import stand_in
 from ergoqp.step.rest import BACK, LOOK, THERE
 from ergoqp.step.stepper import Step, Stepper
 

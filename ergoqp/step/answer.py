@@ -166,7 +166,7 @@ def account_function(model: StepModel) -> ca.Function:
     signals, count = model.symbols(kind=ca.MX), len(problem.row_names)
     limits, now = problem.row_limits, signals["now"]
     margins = Margins(model, signals)
-    tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
+    tolerance, soft = signals["rows_tolerance"], ca.DM(1 - model.values("hard"))
     # Slack of a row on the object side only means that the QP asked for more than needed, because
     # the certification is exact there.
     held = now[movable, 0] >= -tolerance[movable, 0]
@@ -174,7 +174,7 @@ def account_function(model: StepModel) -> ca.Function:
     any_outside = largest(signals["outside"])
     found = call_by_name(_close_function(model), signals, used=used, any_outside=any_outside)
     twist = found["twist"]
-    rate = _model_rate(limits, margins.context, signals["S"] @ twist, signals["dt"])
+    rate = _model_rate(model, margins.context, signals, signals["S"] @ twist)
     slack, multipliers = (
         _spread(signals[name], movable, count) for name in ("slack", "multipliers")
     )
@@ -193,12 +193,12 @@ def _close_function(model: StepModel) -> ca.Function:
     accepted = ca.logic_and(ca.logic_and(sx["usable"], fits), share > 0)
     planned = sx["brake"] + ca.if_else(accepted, sx["share"], 0) * (sx["wanted"] - sx["brake"])
     if problem.surface is not None:
-        mending = ca.DM(problem.twist_limit.acceleration) * sx["usable"]
-        planned = problem.surface.retract(sx["posture"], planned, sx["dt"], mending)
+        mending = sx["stop_acceleration"] * sx["usable"]
+        planned = model.surface(sx).retract(sx["posture"], planned, sx["dt"], mending)
     sent = planned
     if problem.average:
         # A mean keeps the acceleration by itself while the history is long enough.
-        change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
+        change = sx["stop_acceleration"] * sx["dt"]
         mean = sx["begun"] + sx["own"] * planned
         sent = ca.fmin(ca.fmax(mean, sx["sent"] - change), sx["sent"] + change)
     certified = 2.0**Cause.not_certified * (share <= 0)
@@ -231,13 +231,16 @@ def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:
     return ca.if_else(beyond > 1e-7, beyond, 0)
 
 
-def _model_rate(limits: tuple, context: LimitContext, rate: ca.MX, dt: ca.MX) -> ca.MX:
+def _model_rate(
+    model: StepModel, context: LimitContext, signals: Mapping[str, ca.MX], rate: ca.MX
+) -> ca.MX:
     """Return the joint rates of the model person, in which joints at their end go no further."""
-    for limit in limits:
+    for limit in model.problem.row_limits:
         if not limit.yield_zone:
             continue
-        rows = limit.rows(context)
-        up = ca.if_else(rows.to_upper < limit.yield_zone, 0.0, ca.fmax(rows.to_upper, 0) / dt)
-        down = ca.if_else(rows.to_lower < limit.yield_zone, 0.0, ca.fmax(rows.to_lower, 0) / dt)
+        rows, dt = limit.rows(context), signals["dt"]
+        zone = model.of_rows(signals, "yield_zone", limit)
+        up = ca.if_else(rows.to_upper < zone, 0.0, ca.fmax(rows.to_upper, 0) / dt)
+        down = ca.if_else(rows.to_lower < zone, 0.0, ca.fmax(rows.to_lower, 0) / dt)
         rate = ca.fmax(ca.fmin(rate, up), -down)
     return rate

@@ -18,13 +18,13 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import call_by_name, is_set, largest, marked, smallest
+from ergoqp.expressions import call_by_name, column, is_set, largest, marked, smallest
 from ergoqp.limits import Limit, LimitContext, Rows
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.twist_and_stopping import on_surface
+from ergoqp.limits.twist_and_stopping import Stop, on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.model import PLACE, StepModel
+from ergoqp.step.model import PLACE, Signals, StepModel
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.rest import rest_update, trial_update
 from ergoqp.step.rows import MOVES, patience
@@ -45,7 +45,7 @@ class Margins:
         now: present margin of every row (r,).
     """
 
-    def __init__(self, model: StepModel, signals: Mapping[str, ca.MX]) -> None:
+    def __init__(self, model: StepModel, signals: Signals) -> None:
         """Compute the rows of all limits once.
 
         Args:
@@ -54,7 +54,8 @@ class Margins:
                 `ahead` also ``landed``, ``way`` and ``shift``.
         """
         self._model, self._signals = model, signals
-        self.context = model.context({name: signals[name] for name in _HERE}, signals["S"])
+        here = {name: signals[name] for name in _HERE}
+        self.context = model.context(here, signals["S"], numbers=signals)
         found = [
             _margins_here(model, limit, self.context)
             if _linear(limit)
@@ -119,14 +120,15 @@ def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
 
 
 def contexts_of(
-    model: StepModel, signals: Mapping[str, Expression], S: Expression, ways: Expression
+    model: StepModel, signals: Signals, S: Expression, ways: Expression
 ) -> tuple[LimitContext, ...]:
     """Return the context for each of `Stop.ways`.
 
     A robot that holds does so either with what is under way, or with the twist.
     """
     law, there = model.problem.stop, {name: signals[name] for name in _LANDED}
-    found = [model.context(there, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    kinds = (True, False)[: 1 + bool(law.hold)]
+    found = [model.context(there, S, held=held, numbers=signals) for held in kinds]
     if law.average:
         found = [
             replace(context, overshoot=ways[:, -2], overshoot_bound=ways[:, -1])
@@ -199,24 +201,15 @@ def _amiss_function(model: StepModel) -> ca.Function:
 def _landed_rows(model: StepModel) -> ca.Function:
     """Return the function for rows (r,) at the landing pose: NaN where a watched one is, or 0."""
     sx = model.symbols((*PLACE, "shift", "S"))
-    brake = model.problem.stop.braking(sx["previous"], sx["dt"])
+    brake = model.stop(sx).braking(sx["previous"], sx["dt"])
     context = model.context(sx, model.sparse(sx["S"]), brake)
     zeros = ((limit, ca.SX.zeros(len(limit.names))) for limit in model.problem.row_limits)
     rows = [with_nan(model, limit, limit.rows(context), margins) for limit, margins in zeros]
-    return ca.Function("landed_rows", list(sx.values()), [ca.vertcat(*rows)], list(sx), ["rows"])
+    return sx.function("landed_rows", {"rows": ca.vertcat(*rows)})
 
 
 HELD: Final = 1e-12
 """Rounding error of a margin; far below what could add up over a day of steps [m, rad]."""
-
-_INHERITS: Final = 1e-5
-"""Largest worsening of a bent row that any twist but braking may take over from braking [rad].
-
-It applies inside such a row, with a long mean.
-"""
-
-_LONG: Final = 0.1
-"""With a longer mean [s], the object turns so far that errors of a bent row add up."""
 
 GIVES_WAY: Final = 1e-3
 """How much more than braking a posture row may give way that braking already violates [rad]."""
@@ -244,14 +237,15 @@ def judge_function(model: StepModel) -> ca.Function:
         # A surface has no ends. A distance from it counts as outside.
         limits = (limit for limit in problem.row_limits for _ in limit.names)
         on = ca.DM([float(limit is problem.surface) for limit in limits])
-        away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
+        away = ca.logic_or(away, ca.logic_and(on, now < -signals["rows_tolerance"]))
     outside = ca.logic_and(away, _moves(problem, margins))
     found = call_by_name(_decide_function(model), signals, must_move=largest(outside))
     ways = found.pop("ways")
     ahead = margins.ahead(ways)
     found |= {"now": now, "ahead": ahead, "outside": outside}
     # A comparison with NaN fails, but a minimum would drop it.
-    found["whole"] = is_set(smallest(ahead >= _floor(model, now - signals["doubted"]), 1.0))
+    floor = _floor(model, now - signals["doubted"], numbers=signals)
+    found["whole"] = is_set(smallest(ahead >= floor, 1.0))
     if watched := model.watched_rows:
         found["whole"] = ca.logic_and(found["whole"], ca.sumsqr(now[watched]) <= ca.inf)
     return signals.function("judge", found)
@@ -264,22 +258,18 @@ def _decide_function(model: StepModel) -> ca.Function:
     too.
     """
     problem, sx = model.problem, model.symbols(_LANDED)
-    dt, stop = sx["dt"], problem.stop
+    dt, stop, control = sx["dt"], model.stop(sx), sx.of("control")
     context = model.context(sx, model.sparse(sx["S"]))
     brake = on_surface(stop.braking(sx["previous"], dt), context, sx["usable"])
     # A cost of NaN or infinity does not reach the QP, but rest and the guide would keep it.
     finite = sx["total"] ** 2 + sx["gain"] ** 2 < ca.inf
     solved = ca.logic_and(sx["residual"] < TOLERANCE, finite)
     counts = ca.logic_and(sx["usable"], solved)
-    rest = rest_update(
-        problem.control, sx["rest"], sx["gain"], sx["total"], sx["must_move"], dt, counts
-    )
+    rest = rest_update(control, sx["rest"], sx["gain"], sx["total"], sx["must_move"], dt, counts)
     trial = {}
     if model.guided:
         journey = (sx[name] for name in ("landed", "distance", "on", "promise", "value"))
-        next_trial, rest = trial_update(
-            problem.control, sx["trial"], rest, *journey, dt=dt, counts=counts
-        )
+        next_trial, rest = trial_update(control, sx["trial"], rest, *journey, dt=dt, counts=counts)
         trial = {"next_trial": next_trial}
     wanted = ca.if_else(
         ca.logic_and(is_set(rest[0]), ca.logic_not(sx["must_move"])), brake.twist, sx["xi"]
@@ -289,7 +279,7 @@ def _decide_function(model: StepModel) -> ca.Function:
     in_time = patience(problem.row_limits, context, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (
-        _kept(problem, context, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
+        _kept(stop, context, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
     )
     found = {"wanted": wanted, "brake": slowest, "ways": stop.ways(wanted, dt)}
     return sx.function("decide", found | {"solved": solved, "next_rest": rest, **trial})
@@ -319,7 +309,8 @@ def _shorten_function(model: StepModel) -> ca.Function:
     context = model.context(sx, S)
     planned = ca.SX.sym("planned", 6)
     margins = _margins(model, sx, S, planned, sx["dt"])
-    floor = _floor(model, sx["now"] - sx["doubted"], ca.substitute(margins, planned, sx["brake"]))
+    braked = ca.substitute(margins, planned, sx["brake"])
+    floor = _floor(model, sx["now"] - sx["doubted"], braked, sx)
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
     candidates = [candidate * ca.DM.ones(6) for candidate in _SHARES]
     if problem.surface is None:
@@ -327,33 +318,38 @@ def _shorten_function(model: StepModel) -> ca.Function:
     shares = ca.SX(6, 1)
     for candidate in reversed(candidates):
         shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
-        twist = _kept(problem, context, shorter, sx["dt"])
+        twist = _kept(model.stop(sx), context, shorter, sx["dt"])
         holds = is_set(smallest(ca.substitute(margins, planned, twist) >= floor, 1.0))
         shares = ca.if_else(holds, candidate, shares)
     return sx.function("shorten", {"share": shares})
 
 
 def _kept(
-    problem: Problem, context: LimitContext, twist: ca.SX, dt: ca.SX, signals: ca.SX | float = 1.0
+    stop: Stop, context: LimitContext, twist: ca.SX, dt: ca.SX, signals: ca.SX | float = 1.0
 ) -> ca.SX:
     """Return the twist that leads to the surface on which the state stays, see `on_surface`.
 
     Without a surface, return the twist unchanged.
     """
-    if problem.surface is None:
+    if context.surface is None:
         return twist
-    acceleration = ca.DM(problem.twist_limit.acceleration) * signals
-    return problem.surface.retract(context.posture, twist, dt, acceleration)
+    acceleration = column(stop.limit.acceleration) * signals
+    return context.surface.retract(context.posture, twist, dt, acceleration)
 
 
-def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
+def _margins(model: StepModel, sx: Signals, S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Return the smallest margins of all rows during a period at `twist` and the stop after it."""
-    ways = model.problem.stop.ways(twist, dt)
+    ways = model.stop(sx).ways(twist, dt)
     contexts, limits = contexts_of(model, sx, S, ways), model.problem.row_limits
     return ca.vertcat(*(smallest_margins(limit, contexts, ways) for limit in limits))
 
 
-def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> Expression:
+def _floor(
+    model: StepModel,
+    now: Expression,
+    at_braking: Expression = None,
+    numbers: Signals | None = None,
+) -> Expression:
     """Return the margins that an accepted twist must keep through its stop.
 
     They follow from the present margins, less what is not known of the pose, and from those of
@@ -368,7 +364,6 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     the row, a twist may violate it by about as much. A row that does not hold is left to the QP,
     which never moves it further out.
     """
-    problem = model.problem
     hard, margin_is_lower_bound = (
         ca.DM(model.values(name)) for name in ("hard", "margin_is_lower_bound")
     )
@@ -376,9 +371,8 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
     held = ca.fmin(now, 0)
-    capped = (model.values("curvature") > 0) & (problem.average > _LONG)
-    noise = float(np.linalg.norm(problem.robot.noise[3:]))
-    inherits = ca.DM(np.where(capped, _INHERITS + 3 * noise, FREE))
+    given = model.constants if numbers is None else numbers
+    inherits = column(given["rows_inherits"])
     hard_floor = held + (1 - margin_is_lower_bound) * ca.fmin(braked - held, 0)
     hard_floor = ca.fmax(hard_floor, ca.if_else(now < -inherits, -FREE, -inherits)) - HELD
     return ca.if_else(hard, hard_floor, soft_floor)

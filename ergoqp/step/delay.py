@@ -18,20 +18,17 @@ these shares, and by the part of u that the mean has not sent yet.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 import casadi as ca
-import numpy as np
 
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Shape, call_by_name, dense, shifted, vectors, written_out
+from ergoqp.expressions import Shape, call_by_name, dense, shifted, vectors
 from ergoqp.limits import Limit, LimitContext
-from ergoqp.step.layout import ASTRAY, LONGEST_DT, SHORTEST_DT, count, remaining_seconds, split
-from ergoqp.step.model import StepModel
+from ergoqp.step.layout import AT_ALL, LONGEST_DT, SHORTEST_DT, remaining_seconds, split
+from ergoqp.step.model import Signals, StepModel
 from ergoqp.step.rows import limit_values
-
-_AT_ALL: Final = 1e-9
-"""Durations below this count as zero [s]."""
 
 _BY_AGES: Final = ("period", "dt_ok", "aged", "idled", "own", "fits", "parked")
 """Parts of the motion under way that follow from the ages of the periods alone."""
@@ -47,30 +44,30 @@ def weights_function(model: StepModel) -> ca.Function:
         each sent twist still acts. `aged` holds the ages at the end of this period.
     """
     problem, history = model.problem, model.history
-    W, robot = problem.average, problem.robot
-    ages, idle, given = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
+    sx = model.symbols(("ages", "idle", "dt"))
+    robot, stop = model.robot(sx), sx.of("stop")
+    ages, idle, given = sx["ages"], sx["idle"], sx["dt"]
     dt_ok = ca.logic_and(given >= SHORTEST_DT, given <= LONGEST_DT)
-    dt = ca.if_else(dt_ok, given, problem.dt)
+    dt = ca.if_else(dt_ok, given, sx["task_dt"])
     ends, n = ca.vertcat(0, ages), history.planned
     # Without averaging there are no weights, and without delay or lag no remaining seconds.
     own, of_plan, now, remaining = ca.SX(1), ca.SX(), ca.SX(), ca.SX()
-    if W:
-        own, weights, now, left = _mean(ends[:n], dt, W)
+    if problem.average:
+        own, weights, now, left = _mean(ends[:n], dt, stop.average)
         of_plan = ca.horzcat(weights, left)
-    if robot.owes:
+    if problem.robot.owes:
         remaining = remaining_seconds(
             ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag
         )
-    parked = idle >= max(W, robot.dead_time, _AT_ALL)
+    parked = idle >= stop.parked
     outputs = [own, of_plan, now, remaining, dt, dt_ok, (ages + dt)[: history.ages - 1], idle + dt]
-    outputs += [_holds_all(model, ages, dt), parked]
+    outputs += [_holds_all(model, sx, dt), parked]
     names = ["own", "of_plan", "present", "remaining", "period", "dt_ok", "aged", "idled"]
     names += ["fits", "parked"]
-    inputs = ["ages", "idle", "dt"]
-    return ca.Function("weights", [ages, idle, given], ca.cse(dense(outputs)), inputs, names)
+    return sx.function("weights", dict(zip(names, outputs, strict=True)))
 
 
-def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+def _mean(ages: ca.SX, dt: ca.SX, W: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Return the mean of the plan over W seconds as weights of its twists.
 
     Returns:
@@ -100,27 +97,35 @@ def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]
     return own, weights, present, ahead
 
 
-def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
+def _segments(ages: ca.SX, W: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the part of each segment between two ages below W [s], and its share."""
     ends = ca.fmin(ages, W)
     length = ends[1:] - ends[:-1]
     # Segments before the first step have zero length.
-    return length, length / ca.fmax(ages[1:] - ages[:-1], _AT_ALL)
+    return length, length / ca.fmax(ages[1:] - ages[:-1], AT_ALL)
 
 
-def _holds_all(model: StepModel, ages: ca.SX, dt: ca.SX) -> ca.SX:
-    history, problem = model.history, model.problem
-    needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
+def _holds_all(model: StepModel, sx: Signals, dt: ca.SX) -> ca.SX:
+    history, problem, ages = model.history, model.problem, sx["ages"]
+    needed = [
+        (history.planned - 3, problem.average, "stop_average"),
+        (history.sent - 2, problem.robot.dead_time, "robot_dead_time"),
+    ]
     # A mean over a history that was too short a period ago has its jerk in this period.
-    found = ages[history.planned - 2] >= problem.average if problem.average else ca.SX(1)
-    for last, seconds in needed:
-        if seconds:
+    found = ages[history.planned - 2] >= sx["stop_average"] if problem.average else ca.SX(1)
+    for last, declared, name in needed:
+        if declared:
+            seconds = sx[name]
             found = ca.logic_and(found, ages[last] + dt >= seconds)
     return found
 
 
 def under_way(
-    model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors
+    model: StepModel,
+    history: ca.MX,
+    dt: ca.MX,
+    shape: Shape = vectors,
+    known: Mapping[str, ca.MX] | None = None,
 ) -> dict[str, ca.MX]:
     """Return the motion of the object from its measured pose to the landing pose.
 
@@ -165,23 +170,23 @@ def under_way(
         history: the history as one vector of `History.sizes`.
         dt: given period; if it is not usable, that of the problem is used [s].
         shape: how functions are written, see `ergoqp.expressions`.
+        known: the constants of the model, if they are inputs.
     """
-    sizes = model.history.sizes
-    symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
-    parts = _under_way(model, split(sizes, symbols[0]), symbols[1])
-    outputs = [ca.densify(part) for part in parts.values()]
-    found = written_out(shape(ca.Function("under_way", symbols, outputs)), history, dt)
-    return dict(zip(parts, found, strict=True))
+    mx = model.symbols(("history", "dt"), ca.MX)
+    parts = _under_way(model, split(model.history.sizes, mx["history"]), mx)
+    given = {**(known or {}), "history": history, "dt": dt}
+    return call_by_name(shape(mx.function("under_way", parts)), given, written=True)
 
 
-def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> dict[str, ca.MX]:
-    W, robot, lag = model.problem.average, model.problem.robot, model.problem.robot.lag
-    by_ages = call_by_name(weights_function(model), {**part, "dt": dt})
+def _under_way(model: StepModel, part: Mapping[str, ca.MX], mx: Signals) -> dict[str, ca.MX]:
+    robot, lag = model.problem.robot, model.problem.robot.lag
+    weights = weights_function(model)
+    by_ages = call_by_name(weights, mx, **{n: part[n] for n in ("ages", "idle")})
     of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
     optional = {"clung": part["clung"]} if "clung" in part else {}
     pieces, seconds = [], []
     begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
-    if W:
+    if model.problem.average:
         optional["weights"] = by_ages["present"]
         sums = part["planned"] @ of_plan
         begun, total = sums[:, 0], sums[:, 1]
@@ -199,10 +204,10 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> dict[s
         pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
     slowest, fastest = _extremes(part["sent"])
     if lag:
-        optional["swift"] = ca.horzcat(fastest, -slowest) + part["tail"] / lag
+        optional["swift"] = ca.horzcat(fastest, -slowest) + part["tail"] / mx["robot_lag"]
         fastest = ca.fmax(fastest, part["swift"][:, 0])
         slowest = ca.fmin(slowest, -part["swift"][:, 1])
-    stretch = 1 + robot.gain_error
+    stretch = 1 + model.robot(mx).gain_error
     return optional | {
         "total": total,
         "twists": ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
@@ -249,13 +254,14 @@ def next_history(
         sent: twist that was sent for it (6,).
         still: 1 if both are zero.
     """
-    kept, robot = model.history, model.problem.robot
+    kept, declared = model.history, model.problem.robot
+    robot = model.robot(model.numbers(found))
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
     after += [found["period"], *([found["aged"]] if kept.ages > 1 else [])]
     after += [still * found["idled"]]
-    if lag := robot.lag:
-        dt = found["period"]
+    if declared.lag:
+        dt, lag = found["period"], robot.lag
         # The oldest twist leaves the history; what is still to come of it goes on decaying.
         part = split(kept.sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
@@ -265,11 +271,11 @@ def next_history(
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
         after.append(ca.vec(found["swift"]))
-        if hold := robot.longest_hold:
+        if declared.longest_hold:
             # What a hold of the oldest leaves decays as slowly, and there is only one hold.
-            left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
+            left = robot.clinging * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
             after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
-    return [*after, found["owed"]] if robot.owes else after
+    return [*after, found["owed"]] if declared.owes else after
 
 
 def landing(
@@ -299,25 +305,29 @@ def landing(
     if "doubt" in signals:
         given["doubt"] = signals["doubt"]
     given |= {name: signals[name] for name in ("astray", "readings")}
+    mx = model.symbols(("pose",), ca.MX)
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
-    at = ca.MX.sym("pose", 4, 4)
-    outputs = _counted(model, at, symbols)
-    inputs, names = [at, *symbols.values()], ["pose", *symbols]
-    function = ca.Function("way", inputs, outputs, names, ["landed", "way"])
+    mx |= symbols
+    mx.inputs |= symbols
+    landed, way = _counted(model, mx["pose"], symbols, mx)
+    function = mx.function("way", {"landed": landed, "way": way})
     return call_by_name(shape(function), {**signals, **given}, written=True)
 
 
 _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn")
 
 
-def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
-    problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
-    landed, rows, off = _hard_rows(model)(pose, found["total"], found["readings"], found["astray"])
+def _counted(
+    model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX], mx: Signals
+) -> tuple[ca.MX, ca.MX]:
+    declared, robot, parts_of = model.problem.robot, model.robot(mx), model.under_way
+    hard = call_by_name(_hard_rows(model), mx, pose=pose, pending=found["total"])
+    landed, rows, off = hard.values()
     done = rows @ found["twists"]
     # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)
     toward = ca.vertcat(toward, toward - done)
-    sums, many, law = toward @ found["seconds"], rows.shape[0], problem.stop
+    sums, many = toward @ found["seconds"], rows.shape[0]
     if "tail" in found:
         sums += _along(rows, found["tail"])
     # A piece that leads to one end does not count at the other end.
@@ -328,10 +338,10 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         # The addition of a mean that still rises toward the last planned twist, see
         # `ergoqp.limits.twist_and_stopping.Stop`.
         rises = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0)
-        rise = rises @ (law.stretch * law.longest * found["weights"])
+        rise = rises @ (mx["stop_mean_rise"] * found["weights"])
         below, above = below + rise[many:], above + rise[:many]
     angles = stray = raised = ca.MX(0)
-    if robot.longest_hold or parts_of.strays:
+    if declared.longest_hold or parts_of.strays:
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
     if parts_of.strays:
         # A path of length L with a chord c deviates from the chord by at most sqrt(L^2 - c^2) / 2.
@@ -346,29 +356,29 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         above += (1 + robot.gain_error) * stray * length * bent
         turns = found["twists"][3:, :n]
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
-        raised = law.stretch * law.longest * (rises @ found["weights"])
+        raised = mx["stop_mean_rise"] * (rises @ found["weights"])
     if "doubt" in found:
         # The object may be behind its computed pose by this much along each axis.
         back = _along(rows, found["doubt"])
         below, above = below + back[:many], above + back[many:]
-    if robot.gain_error:
+    if declared.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
-    if robot.noise.any():
+    if declared.noise.any():
         # The noise counts twice for a row that touches a region at the point nearest to the pose:
         # for the distance and for the direction. With both, it is never measured inside.
-        astray = np.linalg.norm(robot.noise[:3]) * limit_values(parts_of.limits, "tangent")
-        aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
+        tangent = ca.DM(limit_values(parts_of.limits, "tangent"))
+        aside = ca.fabs(rows) @ robot.noise + robot.distance_noise * tangent
         below, above = below + aside, above + aside
     parts = [found["total"], below + off[many:], above + off[:many]]
     # The error of a measured turn counts like a turn that may be done already or not.
-    turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
+    turn = found.get("turn", 0) + ca.MX(robot.turn_noise if declared.noise.any() else 0)
     if "doubt" in found:
         turn += ca.norm_2(ca.fmax(found["doubt"][3:, 0], found["doubt"][3:, 1]))
     if parts_of.turns:
         parts.append(turn)
     if parts_of.strays:
         parts += [stray, raised]
-    if robot.longest_hold:
+    if declared.longest_hold:
         hold = robot.longest_hold * (1 + robot.gain_error)
         held, turned = hold * _most(toward), hold * _most(angles)
         if "clung" in found:
@@ -376,7 +386,7 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
             held = ca.fmax(held, _along(rows, clung))
             turned = ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1]))
         parts += [below + held[many:], above + held[:many], turn + turned]
-    return [landed, ca.densify(ca.vertcat(*parts))]
+    return landed, ca.vertcat(*parts)
 
 
 def off_rows(rows: ca.SX, astray: ca.SX, limits: Sequence[Limit]) -> tuple[ca.SX, ca.SX]:
@@ -434,12 +444,12 @@ def _hard_rows(model: StepModel) -> ca.Function:
         6), distance (2 h,) that cannot be counted on, to the upper ends and then to the lower
         ones)``.
     """
-    n, problem = len(model.problem.coordinates), model.problem
-    pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
+    n, sx = len(model.problem.coordinates), model.symbols(("pose", "pending", "readings", "astray"))
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
-    landed, readings = shifted(pose, total), ca.SX.sym("readings", *model.size("readings"))
-    by_limit, still = model.by_limit(readings), ca.SX(6, 1)
-    where = {"readings": by_limit, "surface": problem.surface, "pending_displacement": total}
+    landed, still = shifted(sx["pose"], sx["pending"]), ca.SX(6, 1)
+    where: dict[str, Any] = {"readings": model.by_limit(sx["readings"])}
+    where |= {"surface": model.surface(sx), "pending_displacement": sx["pending"]}
+    where |= {"numbers": partial(model.numbers_of, sx)}
     context = LimitContext(posture, ca.SX.ones(n), landed, S, still, still, **where)
     rows = ca.vertcat(*(limit.rows(context).matrix for limit in model.under_way.limits))
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
@@ -448,7 +458,5 @@ def _hard_rows(model: StepModel) -> ca.Function:
             f"limits: got a hard row among {names} that follows the posture, allowed rows of the"
             " object only"
         )
-    astray = ca.SX.sym("astray", ASTRAY)
-    lost = ca.vertcat(*off_rows(rows, astray, model.under_way.limits))
-    inputs = [pose, total, readings, astray]
-    return ca.Function("hard_rows", inputs, dense([landed, rows, lost]))
+    lost = ca.vertcat(*off_rows(rows, sx["astray"], model.under_way.limits))
+    return sx.function("hard_rows", {"landed": landed, "rows": rows, "lost": lost})

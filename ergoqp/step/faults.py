@@ -19,14 +19,12 @@ from rest. While it is not enabled, no motion is a fault.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions import Shape, call_by_name, is_set, largest, turned
-from ergoqp.problem.problem import Problem
-from ergoqp.problem.settings import DeclaredRobot
 from ergoqp.step.causes import Cause, Fault, fault_of
 from ergoqp.step.layout import (
     ASTRAY,
@@ -42,7 +40,7 @@ from ergoqp.step.layout import (
     length,
     split,
 )
-from ergoqp.step.model import StepModel
+from ergoqp.step.model import Signals, StepModel
 
 _MEMORY: Final = 0.3
 """Time of motion from which a fault is named [s]."""
@@ -82,17 +80,17 @@ def explained_function(model: StepModel) -> ca.Function:
 
     The name is computed again at every step.
     """
-    problem, robot = model.problem, model.problem.robot
+    robot = model.problem.robot
     holds = robot.longest_hold > 0 and robot.owes
     now = model.symbols()
     # One sample over a period that is too long shows nothing: the noise of that time exceeds a
     # fault.
-    told = ca.logic_and(is_set(now["told"]), now["lasted"] <= 3 * problem.dt * (1 + 1e-9))
+    told = ca.logic_and(is_set(now["told"]), now["lasted"] <= 3 * now["task_dt"] * (1 + 1e-9))
     faulty = is_set(now["faulty"])
     now |= split(STORY, now["story"]) | split(SAID, now["said"])
     if holds:
         now["held"] = split(model.blocks["compared"], now["compared"])["held"]
-    reported, signs = _reported(problem, now)
+    reported, signs = _reported(model, now)
     # Motion while the object is not enabled is no fault.
     signs = ca.if_else(ca.logic_and(told, is_set(now["enable"])), signs, 0)
     kept = {name: now[name] for name in REPORTED}
@@ -102,19 +100,20 @@ def explained_function(model: StepModel) -> ca.Function:
     led = _led_aside(now)
     reported, kept = reported | led, kept | led
     told_now = ca.if_else(told, joined(REPORTED, reported), joined(REPORTED, kept))
-    named = _named(problem, now, signs[1])
+    named = _named(model, now, signs[1])
     fault = ca.if_else(faulty, named.pop("fault"), 0)
     story = ca.vertcat(told_now, joined(NAMED, named))
     said = ca.vertcat(signs, fault)
     return now.function("explained", {"next_story": story, "next_said": said})
 
 
-def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.SX]:
+def _reported(model: StepModel, now: Signals) -> tuple[dict[str, ca.SX], ca.SX]:
     """Compare the integral of the reported twist with what was sent.
 
     Return the data to keep, and the signs of a fault.
     """
-    gain, unit = problem.robot.gain_error, ca.DM(UNIT)
+    robot, unit = model.robot(now), ca.DM(UNIT)
+    gain = robot.gain_error
     sent, lasted = now["sent"], now["lasted"] * now["started"]
     fresh = now["now_rests"] > now["rested"]
     keeps = ca.if_else(is_set(now["parked"]), ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
@@ -123,9 +122,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     # sample counts as noise, and of this only the part that the next sample reverts. The changes of
     # a late robot are steady. With few samples this part may be zero by chance, so the noise is at
     # least that of the second differences, in which a steady change does not count either.
-    credible = ca.DM(
-        0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3)
-    )
+    credible = robot.credible
     change = ca.fmax(-credible, ca.fmin(credible, surprise - now["surprise"][:, 0]))
     back = -change * now["surprise"][:, 1]
     gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
@@ -138,19 +135,19 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
     # A twist may be reported at the end of the period, not as its mean. So the integral of the
     # samples may be wrong by half a period.
-    slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
+    slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + now["task_dt"] / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
     unreported = ca.SX(6, 1)
     if "held" in now:
         # The motion during a late call was not reported.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
-        unreported = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        unreported = stretch * robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(
         drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
     )
     by_twist = length((late - slack - unreported) / (_EARLY * unit))
-    if problem.robot.owes:
+    if model.problem.robot.owes:
         # The sent twists give only the largest possible speed of a late robot.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1
@@ -178,7 +175,7 @@ def _led_aside(now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     return led | {"since": now["now_seen"] + 1}
 
 
-def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
+def _named(model: StepModel, now: Signals, strike: ca.SX) -> dict[str, ca.SX]:
     """Return the name of the fault that fits best to the motion since the fault began."""
     sent = now["sent"]
     lasted = now["lasted"] * now["started"]
@@ -197,7 +194,7 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     leap = leap_beyond(now, now["went"])
     shift = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3]))
     turn = ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
-    far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
+    far = (ca.fabs(leap) - 2 * model.robot(now).noise) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
     # A sudden fault keeps its name, because a second jump is usually the return of the first. Any
     # other is estimated when it begins, from its first motion, and at rest if it goes on there. So
@@ -211,15 +208,13 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     fault = ca.if_else(jumps, ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn), fault)
     fault = ca.if_else(ca.logic_or(sudden, ca.logic_not(again)), now["fault"], fault)
     worst = ca.fmax(now["excess"], ca.if_else(since > 0, now["worst"], 0))
-    scatter, kept = _scatter(problem, now, worst)
+    scatter, kept = _scatter(now, worst)
     fault = ca.if_else(is_set(scatter[0]), scatter, fault)
     kept |= {"named_for": named_for, "worst": worst}
     return kept | {"moved": moved, "last": sent, "fit": fit, "fault": fault}
 
 
-def _scatter(
-    problem: Problem, now: Mapping[str, ca.SX], worst: ca.SX
-) -> tuple[ca.SX, dict[str, ca.SX]]:
+def _scatter(now: Mapping[str, ca.SX], worst: ca.SX) -> tuple[ca.SX, dict[str, ca.SX]]:
     """Return the fault (2,) of a pose that scatters more than is declared, and what is kept of it.
 
     Scatter is what is taken back from pose to pose while the object stands still. Nothing but the
@@ -298,11 +293,11 @@ def watch(model: StepModel, signals: Mapping[str, ca.MX], shape: Shape) -> dict[
         "story": story,
         "said": said,
         "causes": found["all_causes"],
-        "astray": _astray(model, found["next_compared"], story),
+        "astray": _astray(model, signals, found["next_compared"], story),
     }
 
 
-def _astray(model: StepModel, compared: ca.MX, story: ca.MX) -> ca.MX:
+def _astray(model: StepModel, signals: Mapping[str, ca.MX], compared: ca.MX, story: ca.MX) -> ca.MX:
     """Return how far the object may be from its computed pose (7,), see `ASTRAY`.
 
     After a fault without a measured pose the object may be anywhere between what was sent and what
@@ -310,8 +305,7 @@ def _astray(model: StepModel, compared: ca.MX, story: ca.MX) -> ca.MX:
     """
     if not model.problem.moves_pose:
         return ca.MX(ca.DM.zeros(ASTRAY))
-    now, robot = split(model.blocks["compared"], compared), model.problem.robot
-    first = ca.DM([*[robot.pose_from_posture] * 6, np.radians(robot.pose_from_posture_deg)])
+    now, first = split(model.blocks["compared"], compared), model.numbers(signals)["robot_first"]
     return now["doubted"] * split(STORY, story)["farthest"] + now["presumed"] * first
 
 
@@ -344,11 +338,12 @@ def _compared(model: StepModel) -> ca.Function:
     An interpreter pays for every scalar here in every step. So everything that is not needed to
     detect a fault is in `ergoqp.step.faults`.
     """
-    robot, stretch = model.problem.robot, 1 + model.problem.robot.gain_error
-    now = model.symbols()
+    now, robot = model.symbols(), model.problem.robot
+    given = model.robot(now)
+    stretch = 1 + given.gain_error
     sizes = model.blocks["compared"]
     now |= split(sizes, now["compared"]) | split(SAID, now["said"])
-    parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
+    parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.SX(given.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart, least, most = now["apart"] + went - done, now["least"], now["most"]
@@ -356,11 +351,11 @@ def _compared(model: StepModel) -> ca.Function:
     if robot.longest_hold and not robot.owes:
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
         block["held"] = ca.if_else(now["measured"], 0, reach)
-        gone = now["measured"] * _held(robot, leap_beyond(now, went), reach)
+        gone = now["measured"] * _held(given, leap_beyond(now, went), reach)
         apart -= gone
         # A hold that does not exceed the noise is not subtracted, and what is subtracted may be
         # noise in part.
-        longest = stretch * robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        longest = stretch * given.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
         slip = ca.fmax(now["slip"], ca.fmin(longest, 4 * noise))
     if "blind" in sizes:
         # Two paths to the same end, one of them this far behind, differ by the area between them.
@@ -406,7 +401,7 @@ def _compared(model: StepModel) -> ca.Function:
     if robot.longest_hold and robot.owes:
         # Along any axis of a turn: it was somewhere on the way.
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
-        hold = stretch * robot.longest_hold * reach
+        hold = stretch * given.longest_hold * reach
         if "turned" in sizes:
             hold[3:, :] = ca.norm_2(ca.fmax(hold[3:, 0], hold[3:, 1]))
         below, above = below + hold[:, 0], above + hold[:, 1]
@@ -418,7 +413,7 @@ def _compared(model: StepModel) -> ca.Function:
         else:
             # The error of a shift is along what was sent; that of a turn turns with the object.
             spread[3:] = ca.norm_2(done[3:])
-        least, most = least - robot.gain_error * spread, most + robot.gain_error * spread
+        least, most = least - given.gain_error * spread, most + given.gain_error * spread
     unseen = _WIDE * (1 - now["measured"])
     low, high = apart - noise - below - unseen, apart + noise + above + unseen
     excess = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0)
@@ -449,7 +444,7 @@ def _compared(model: StepModel) -> ca.Function:
         block["held"] = ca.fmax(now["held"] * (1 - begins), ca.horzcat(now["sent"], -now["sent"]))
 
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
-    over = calm >= CALM + robot.dead_time + 3 * robot.lag
+    over = calm >= CALM + given.dead_time + 3 * given.lag
     faulty = ca.logic_or(found, ca.logic_and(is_set(now["fault"][0]), ca.logic_not(over)))
     # Without a measured pose nobody knows where a robot is that did something else. What it reports
     # is no ground to move again on.
@@ -522,12 +517,12 @@ def _mixed(one: ca.SX, other: ca.SX) -> ca.SX:
     return ca.vertcat(*(a[i] * b[j] + a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))))
 
 
-def _held(robot: DeclaredRobot, leap: ca.SX, reach: ca.SX) -> ca.SX:
+def _held(robot: Any, leap: ca.SX, reach: ca.SX) -> ca.SX:
     """Return the part of a leap (6,) that one declared hold of at most `reach` (6, 2) explains.
 
     It is zero for a leap that may be noise.
     """
     most = robot.longest_hold * (1 + robot.gain_error) * ca.fmax(reach, 0)
     explained = ca.fmax(ca.fmin(leap, most[:, 0]), -most[:, 1])
-    stands_out = length((ca.fabs(leap) - 2 * ca.DM(robot.noise)) / ca.DM(UNIT)) > 1
+    stands_out = length((ca.fabs(leap) - 2 * robot.noise) / ca.DM(UNIT)) > 1
     return ca.if_else(stands_out, explained, 0)

@@ -21,7 +21,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import infinite
 from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause
-from ergoqp.step.function import build_step
+from ergoqp.step.function import build_shared_step
 from ergoqp.step.model import StepModel
 from ergoqp.step.qp import ELBOW, QP_DATA, slack_function
 from ergoqp.step.stepper import Stepper
@@ -177,7 +177,7 @@ class _FormulatedStep(Stepper):
 
     def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
         problem, solver, guided = self.problem, self._solver, self._guided
-        return build_step(problem, solver, guided=guided, spare=spare, formulated=True)
+        return build_shared_step(problem, solver, guided=guided, spare=spare, formulated=True)
 
 
 class Formulator:

@@ -13,14 +13,17 @@ comparisons, only the wide bounds brake: the person may have stepped aside.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import dense
+from ergoqp.expressions import call_by_name
 from ergoqp.problem.problem import Problem
 from ergoqp.step.layout import Sizes
+
+if TYPE_CHECKING:
+    from ergoqp.step.model import StepModel
 
 PERIOD: Final = 0.2
 """Time between two comparisons [s]."""
@@ -72,33 +75,34 @@ def bounds(problem: Problem) -> tuple[float, float]:
     return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
 
 
-def compared_frames(problem: Problem, signals: Mapping[str, ca.MX]) -> ca.MX:
+def compared_frames(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     """Return the next `FRAMES`, as one vector.
 
     Args:
-        problem: the task, of a person.
+        model: model of the step, of a person.
         signals: ``posture``, ``observed`` (32,), ``pose`` (4, 4), ``frames``: the block before,
             ``period`` [s], and ``compares``: whether posture and pose can be compared now.
     """
     names = ("posture", "observed", "pose", "frames", "period")
-    inputs = [ca.MX.sym(name, signals[name].sparsity()) for name in names]
-    posture, observed, pose, block, period = inputs
-    contact = problem.response.contact()
-    difference = _difference(problem)
-    apart = difference(pose, contact(posture)[0])
-    near = [ca.MX.sym("posture", 32), ca.MX.sym("apart", 6)]
-    fine = ca.Function("near", near, [ca.MX(ca.DM([1, 1]))])
-    explained = ca.Function.if_else("explained", _explained(problem), fine)
+    mx = model.symbols(names, ca.MX)
+    posture, observed, pose, block, period = mx.pick(names).values()
+    apart = _difference(pose, model.contact(mx, posture), mx["robot_offset"])
+    explain = _explained(model)
+    fine = ca.Function("near", explain.mx_in(), [ca.MX(ca.DM([1, 1]))])
+    explained = ca.Function.if_else("explained", explain, fine)
     looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
-    judged = _judged(problem)(block, apart, explained(looks, posture, apart))
+    known = [mx[name] for name in explain.name_in()[2:]]
+    judge = _judged(model)
+    more = {"apart": apart, "explained": explained(looks, posture, apart, *known)}
+    judged = call_by_name(judge, mx, **more)["judged"]
     # Joints that are not seen are as in comfort here, which shows nothing.
-    needed = sorted(set(contact.jac_sparsity(0, 0).get_triplet()[1]))
+    needed = model.contact_joints
     seen = ca.mmin(observed[needed]) > 0.5 if needed else ca.MX(1)
     after = ca.if_else(seen, judged, block)
-    compare = ca.Function("compare", inputs, [ca.vertcat(PERIOD - period, after[1:])])
-    wait = ca.Function("wait", inputs, [ca.vertcat(block[0] - period, block[1:])])
+    compare = mx.function("compare", {"next_frames": ca.vertcat(PERIOD - period, after[1:])})
+    wait = mx.function("wait", {"next_frames": ca.vertcat(block[0] - period, block[1:])})
     choose = ca.Function.if_else("compare_or_wait", compare, wait)
-    return choose(signals["compares"], *(signals[name] for name in names))
+    return choose(signals["compares"], *(signals[name] for name in mx.inputs))
 
 
 def frames_sentence(problem: Problem, parts: np.ndarray) -> str:
@@ -129,43 +133,47 @@ def frames_sentence(problem: Problem, parts: np.ndarray) -> str:
     return f"{said}: are base and flange right, and does the person stand at the world's origin?"
 
 
-def _difference(problem: Problem) -> ca.Function:
-    """Return ``(measured, by posture) -> (6,)``: distance [m] and axis, less what is calibrated.
+def _difference(pose: ca.MX, contact: ca.MX, offset: ca.MX) -> ca.MX:
+    """Return how far a measured pose is from that by posture (6,): distance [m] and axis, less what is calibrated.
 
     The last three entries are the difference of the axes of the tool, of length 2 sin(angle / 2).
     The turn about the axis does not count: most grasps leave it free, and the wrist's errors add up
     in it.
     """
-    pose, contact = ca.SX.sym("pose", 4, 4), ca.SX.sym("contact", 4, 4)
-    shift = pose[:3, 3] - contact[:3, 3] - ca.DM(problem.frames.offset)
-    axis = pose[:3, 0] - contact[:3, 0]
-    return ca.Function("apart", [pose, contact], [ca.vertcat(shift, axis)])
+    sx = {"pose": ca.SX.sym("pose", 4, 4), "contact": ca.SX.sym("contact", 4, 4)}
+    sx["offset"] = ca.SX.sym("offset", 3)
+    shift = sx["pose"][:3, 3] - sx["contact"][:3, 3] - sx["offset"]
+    axis = sx["pose"][:3, 0] - sx["contact"][:3, 0]
+    function = ca.Function("apart", list(sx.values()), [ca.vertcat(shift, axis)])
+    return function(pose, contact, offset)
 
 
-def _explained(problem: Problem) -> ca.Function:
-    """Return ``(posture, apart) -> (2,)``: how far errors within the bounds reach, as a share.
+def _explained(model: StepModel) -> ca.Function:
+    """Return ``(posture, apart, ...) -> (2,)``: how far errors within the bounds reach, as a share.
 
     It is the largest change of the contact along the difference, over the difference; of the
     position and of the axis. Below 1 nothing explains the difference.
     """
-    posture, apart = ca.MX.sym("posture", len(problem.coordinates)), ca.MX.sym("apart", 6)
-    contact = problem.response.contact()(posture)[0]
+    mx = model.symbols(("posture", "apart"), ca.MX)
+    posture, apart = mx["posture"], mx["apart"]
+    contact = model.contact(mx, posture)
     parts = []
     for place, part in ((contact[:3, 3], apart[:3]), (contact[:3, 0], apart[3:])):
         reach = BIAS * ca.norm_1(ca.jtimes(place, posture, part, True))
         if not parts:
             reach += STATURE * ca.fabs(ca.dot(place, part))
         parts.append(reach / ca.fmax(ca.sumsqr(part), 1e-12))
-    return ca.Function("looked_into", [posture, apart], [ca.vertcat(*parts)])
+    return mx.function("looked_into", {"explained": ca.vertcat(*parts)})
 
 
-def _judged(problem: Problem) -> ca.Function:
-    """Return ``(block, apart, explained) -> next block``."""
-    block, apart, explained = ca.SX.sym("b", 6), ca.SX.sym("apart", 6), ca.SX.sym("explained", 2)
+def _judged(model: StepModel) -> ca.Function:
+    """Return ``(frames, apart, explained) -> judged``, the next block."""
+    sx = model.symbols(("frames", "apart", "explained"))
+    block, apart, explained = sx["frames"], sx["apart"], sx["explained"]
     _, beyond, doubted, agreed, _, _ = ca.vertsplit(block)
     distance = ca.norm_2(apart[:3])
     angle = 2 * ca.asin(ca.fmin(ca.norm_2(apart[3:]) / 2, 1))
-    far = bounds(problem)
+    far = ca.vertsplit(sx["robot_apart"])
     outside, walked = (
         (distance / most[0]) ** 2 + (angle / most[1]) ** 2 > 1 for most in (far, _WALKED)
     )
@@ -185,4 +193,4 @@ def _judged(problem: Problem) -> ca.Function:
         distance,
         angle,
     )
-    return ca.Function("judged", [block, apart, explained], dense([after]))
+    return sx.function("judged", {"judged": after})

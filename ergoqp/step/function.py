@@ -32,6 +32,7 @@ from ergoqp.solvers.daqp import Daqp
 from ergoqp.step.answer import account_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import amiss, judge_function, shortened
+from ergoqp.step.constants import constants_of
 from ergoqp.step.delay import landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
 from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
@@ -155,7 +156,7 @@ def read_inputs(
     seen = is_set(given["observed"])
     last = ca.if_else(is_set(given["frame"]), given["posture"], given["last_posture"])
     usable = ca.logic_and(seen, ca.fabs(last) <= model.problem.response.largest)
-    posture = ca.if_else(usable, last, model.stand_in)
+    posture = ca.if_else(usable, last, given["task_stand_in"])
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
     signals = {**given, **found, "dt": found["period"], "posture_ok": posture_ok}
@@ -187,7 +188,7 @@ def _read_function(model: StepModel) -> ca.Function:
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
-    age_ok, fresh = raw["age"] >= -CLOCK_ROUNDING, raw["age"] <= problem.control.max_age
+    age_ok, fresh = raw["age"] >= -CLOCK_ROUNDING, raw["age"] <= raw["control_max_age"]
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
     # What was sent is integrated, and never the noisy report: see `ergoqp.step.faults`.
@@ -206,7 +207,7 @@ def _read_function(model: StepModel) -> ca.Function:
         Cause.too_old: ca.logic_and(age_ok, ca.logic_not(fresh)),
         Cause.unmeasured: unmeasured,
         Cause.asked: is_set(raw["ask"]),
-        Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
+        Cause.long_period: raw["period"] > raw["task_longest_period"] * (1 + 1e-9),
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }
     if model.compares:
@@ -238,8 +239,10 @@ def _pose(
     on = ca.Function("moved_on", sx, [exp_rotation(*sx)])
     sizes = {"pose": (4, 4), "started": (1, 1), "stored": (4, 4), "moved": (6, 1)}
     sizes["posture"] = (posture.numel(), 1)
+    constants = model.contact_names
     inputs = [ca.MX.sym(name, *size) for name, size in sizes.items()]
-    first = model.response.contact()(inputs[4])[0]
+    inputs += [ca.MX.sym(name, *model.size(name)) for name in constants]
+    first = model.contact(dict(zip(constants, inputs[5:], strict=True)), inputs[4])
     if not of_package(model.problem.response):
         # A matrix of zeros stands for a pose that is not usable.
         rigid = ca.Function("rigid", [sx[0]], [is_rigid(sx[0])])(first)
@@ -250,9 +253,9 @@ def _pose(
     unmeasured = ca.Function("unmeasured", inputs, [integrated])
     exact = ca.Function("exact", [sx[0]], [ca.densify(normalised(sx[0]))])
     as_measured = ca.Function("as_measured", inputs, [exact(inputs[0])])
-    return ca.Function.if_else("pose_known", as_measured, unmeasured)(
-        measured, given["pose"], given["started"], given["stored"], moved, posture
-    )
+    known = (given["pose"], given["started"], given["stored"], moved, posture)
+    choose = ca.Function.if_else("pose_known", as_measured, unmeasured)
+    return choose(measured, *known, *(given[name] for name in constants))
 
 
 def step_function(
@@ -287,9 +290,21 @@ def step_function(
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     compiled, guided = flag("compiled", compiled), flag("guided", guided)
+    shared = shared_step(problem, solver, compiled, guided=guided)
+    return bound_step(problem, shared, "step", guided)
+
+
+def shared_step(
+    problem: Problem, solver: str | QpSolver = "daqp", compiled: bool = False, *, guided: bool = False
+) -> ca.Function:
+    """Return `step_function` with the numbers of the problem as further inputs.
+
+    It is that of all problems of this structure, see `ergoqp.step.constants`. The arguments and
+    errors are those of `step_function`.
+    """
     chosen = read_solver(solver)
     if not compiled:
-        return build_step(problem, chosen, guided=guided)
+        return build_shared_step(problem, chosen, guided=guided)
     if type(chosen) is not Daqp:
         raise InputError(f"compiled: got the solver {shown(solver)}, allowed only 'daqp'")
     if found := callers(problem):
@@ -299,13 +314,34 @@ def step_function(
         )
     from ergoqp.native.compiled import compiled as machine_code
 
-    return machine_code(lambda native: build_step(problem, native, guided=guided, unrolled=True))
+    return machine_code(
+        lambda native: build_shared_step(problem, native, guided=guided, unrolled=True)
+    )
 
 
 def build_step(
+    problem: Problem, solver: QpSolver, name: str = "step", guided: bool = False, **form: bool
+) -> ca.Function:
+    """Return `build_shared_step` with the numbers of the problem, a function of `INPUTS`."""
+    return bound_step(
+        problem, build_shared_step(problem, solver, guided=guided, **form), name, guided
+    )
+
+
+def bound_step(problem: Problem, shared: ca.Function, name: str, guided: bool) -> ca.Function:
+    """Return a step of a structure with the numbers of a problem of it, see `shared_step`."""
+    constants = constants_of(problem)
+    names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
+    inputs = {each: ca.MX.sym(each, *shared.size_in(each)) for each in names}
+    known = inputs | {each: ca.MX(ca.DM(value)) for each, value in constants.items()}
+    outputs = call_by_name(shared, known)
+    return ca.Function(name, list(inputs.values()), list(outputs.values()), names, list(outputs))
+
+
+def build_shared_step(
     problem: Problem,
     solver: QpSolver,
-    name: str = "step",
+    name: str = "shared_step",
     guided: bool = False,
     unrolled: bool = False,
     every_branch: bool = False,
@@ -313,6 +349,8 @@ def build_step(
     formulated: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
+
+    The numbers of the problem are further inputs, by the names of `constants_of`.
 
     Inputs that may be absent have a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or
     1). ``ask`` is 1 if only the braking twist is wanted. The whole state is an input and an output,
@@ -339,17 +377,17 @@ def build_step(
             used, S of that pass, the gradient of V, and the slack of the rows of the QP. The step
             itself is the same to the last bit.
     """
-    model = StepModel(problem, guided, every_branch, spare)
+    model = StepModel(problem, guided, every_branch, spare, shared=True)
     shape = scalars if unrolled else vectors
-    names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
+    names = [*INPUTS, *(GUIDE_INPUTS if guided else ()), *model.constants]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])
 
     # The present pose of the object, and its landing pose.
-    found = under_way(model, state["history"], raw["dt"], shape)
+    found = under_way(model, state["history"], raw["dt"], shape, raw)
     given = state | raw
     if problem.frames.moved:
-        given["pose"] = shape(_contact_pose(problem))(raw["pose"])
+        given["pose"] = call_by_name(shape(_contact_pose(model)), raw)["contact"]
     signals = read_inputs(model, given, found, shape)
     signals.setdefault("frames", ca.MX.zeros(count(FRAMES)))
     watched = watch(model, signals, shape)
@@ -391,11 +429,11 @@ def build_step(
     return ca.Function(name, list(raw.values()), results, names, outputs)
 
 
-def _contact_pose(problem: Problem) -> ca.Function:
+def _contact_pose(model: StepModel) -> ca.Function:
     """Return ``flange in the base (4, 4) -> contact frame in the world (4, 4)``."""
-    pose, frames = ca.SX.sym("pose", 4, 4), problem.frames
-    contact = ca.DM(frames.base) @ pose @ ca.DM(frames.flange)
-    return ca.Function("contact_pose", [pose], [ca.densify(contact)])
+    sx = model.symbols(("pose",))
+    contact = sx["robot_base"] @ sx["pose"] @ sx["robot_flange"]
+    return sx.function("contact_pose", {"contact": contact})
 
 
 def _next_state(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
@@ -412,10 +450,11 @@ def _next_state(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.
     if model.asks_back:
         limits = model.problem.row_limits
         now, dt = signals["now"], signals["dt"]
-        after["asked"] = update_recovery_timer(limits, signals["asked"], now, dt)
+        numbers = signals["rows_tolerance"], signals["rows_recovery_time"]
+        after["asked"] = update_recovery_timer(limits, signals["asked"], now, dt, numbers)
     if model.compares:
         spare = model.spare
-        after["frames"] = signals["frames"] if spare else compared_frames(model.problem, signals)
+        after["frames"] = signals["frames"] if spare else compared_frames(model, signals)
     if model.guided:
         after["trial"] = signals["next_trial"]
     return after

@@ -165,15 +165,16 @@ def pull_function(model: StepModel) -> ca.Function:
     if there is a usable guide. `drawn` is the phase if the object travels or waits at the place,
     else 0.
     """
-    control, limit = model.problem.control, model.problem.twist_limit
     sx = model.symbols(("landed", "guide", "guided", "trial"))
+    control, stop = sx.of("control"), sx.of("stop")
     pose, guide, guided, trial = sx["landed"], sx["guide"], sx["guided"], sx["trial"]
     on = ca.logic_and(is_set(guided), is_rigid(guide))
     # An unusable guide is replaced here, because a product of NaN and zero is NaN.
     goal = ca.if_else(on, place_of(normalised(guide)), place_of(pose))
     goal = ca.if_else(trial[0] == BACK, trial[7:], goal)
-    free = (limit.speed > 0).astype(float)
-    speed, gentle = ca.DM(np.where(free > 0, limit.speed, 1.0)), ca.DM(_GENTLE * limit.acceleration)
+    free = (model.problem.twist_limit.speed > 0).astype(float)
+    # Along an axis that cannot move there is no way either.
+    speed, gentle = stop.speed + ca.DM(1 - free), _GENTLE * stop.acceleration
     way = ca.DM(free) * _way(pose, goal)
     far = ca.fabs(way)
     distance = ca.mmax(far / speed)

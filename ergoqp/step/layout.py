@@ -8,7 +8,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import slices
+from ergoqp.expressions import present, slices
 from ergoqp.problem.problem import Problem
 from ergoqp.step.rows import limit_values
 
@@ -46,6 +46,9 @@ SHORTEST_DT: Final = 1e-5
 
 LONGEST_DT: Final = 1.0
 """Longest control period [s]."""
+
+AT_ALL: Final = 1e-9
+"""Durations below this count as zero [s]."""
 
 CLOCK_ROUNDING: Final = 1e-3
 """By how much the stamp of a frame may be ahead of the clock of the loop [s]; its age is then 0.
@@ -106,10 +109,10 @@ def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray
     return parts
 
 
-def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
+def remaining_seconds(younger: Any, older: Any, dead: Any, lag: Any) -> Any:
     """Return the seconds for which twists that were sent between two ages still act."""
     seconds = ca.fmin(older, dead) - ca.fmin(younger, dead)
-    if lag:
+    if present(lag):
         seconds += lag * (
             ca.exp(-ca.fmax(younger - dead, 0) / lag) - ca.exp(-ca.fmax(older - dead, 0) / lag)
         )

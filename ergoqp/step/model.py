@@ -8,8 +8,10 @@ terms are expressions, in which nothing can be raised. But an expression may cal
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import takewhile
 from typing import Any, Final
 
 import casadi as ca
@@ -17,12 +19,13 @@ import numpy as np
 
 from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Evaluator, slices
+from ergoqp.expressions import Evaluator, slices, written_out
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression
-from ergoqp.limits.twist_and_stopping import Braking
+from ergoqp.limits.twist_and_stopping import Braking, Stop
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import SOLVER, interrupted
+from ergoqp.step.constants import Constants, constants_of, prefix_of, shares
 from ergoqp.step.frames_check import FRAMES
 from ergoqp.step.layout import (
     ASTRAY,
@@ -143,24 +146,42 @@ def guarded(
 class Signals(dict[str, Any]):
     """Symbols of what the functions of the step exchange, each made when it is first used.
 
-    So a function takes what its expressions read. Entries that are set are no inputs.
+    So a function takes what its expressions read. Entries that are set are no inputs, and neither
+    are `numbers`, which are written into the expressions.
 
     Attributes:
         inputs: the symbols, in the order in which they were made.
     """
 
     def __init__(
-        self, size: Callable[[str], tuple[int, int]], names: Iterable[str], kind: type[Any]
+        self,
+        size: Callable[[str], tuple[int, int]],
+        names: Iterable[str],
+        kind: type[Any],
+        numbers: Constants | None = None,
     ) -> None:
         """Make the symbols of some names at once."""
         super().__init__()
         self._size, self._kind, self.inputs = size, kind, dict[str, Any]()
+        self._numbers = numbers or {}
         self.pick(names)
 
     def __missing__(self, name: str) -> Any:
         """Make the symbol of a name."""
-        self[name] = self.inputs[name] = self._kind.sym(name, *self._size(name))
+        if name in self._numbers:
+            self[name] = self._kind(ca.DM(self._numbers[name]))
+        else:
+            self[name] = self.inputs[name] = self._kind.sym(name, *self._size(name))
         return self[name]
+
+    def of(self, part: str, **known: Any) -> Any:
+        """Return the constants of a part of the problem as attributes, see `constants_of`.
+
+        Args:
+            part: what their names begin with.
+            known: attributes that are something else.
+        """
+        return _Part(self, part, known)
 
     def pick(self, names: Iterable[str]) -> dict[str, Any]:
         """Return some of the symbols, by name."""
@@ -172,6 +193,29 @@ class Signals(dict[str, Any]):
         parts = ca.cse(parts) if self._kind is ca.SX else parts
         inputs = self.inputs
         return ca.Function(name, list(inputs.values()), parts, list(inputs), list(outputs))
+
+
+class _Part:
+    """Constants of a part of the problem, each an attribute that is read when it is first used."""
+
+    def __init__(self, signals: Mapping[str, Any], part: str, known: Mapping[str, Any]) -> None:
+        """Set what is known."""
+        self._signals, self._name = signals, part
+        vars(self).update(known)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a constant."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self._signals[f"{self._name}_{name}"]
+
+
+def with_symbols(term: Any, signals: Mapping[str, Any], prefix: str) -> Any:
+    """Return a term in which the symbols of its `constants` take the place of these attributes."""
+    found = copy(term)
+    for name in term.constants():
+        object.__setattr__(found, name, signals[f"{prefix}_{name}"])
+    return found
 
 
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
@@ -189,12 +233,21 @@ class StepModel:
             `ergoqp.step.timing`.
         spare: whether cost, readings and a response that calls Python give no numbers, see
             `ergoqp.step.model`.
+        shared: whether the numbers of the problem are inputs of the functions, so that they serve
+            all problems of its structure, see `ergoqp.step.constants`. Otherwise they are written
+            into the functions.
     """
 
     problem: Problem
     guided: bool = False
     every_branch: bool = False
     spare: bool = False
+    shared: bool = False
+
+    @cached_property
+    def constants(self) -> Constants:
+        """The numbers of the problem that are inputs of the functions if these are `shared`."""
+        return constants_of(self.problem)
 
     def if_needed(self, needed: ca.MX) -> ca.MX:
         """Return the condition of a branch that takes longer than the other."""
@@ -276,28 +329,72 @@ class StepModel:
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
         sizes |= {"S": response.size_out(0), "E": response.size_out(1)}
         sizes |= {"readings": (self.readings.numel_out(0), 1), "way": (self.under_way.size, 1)}
+        sizes |= {"ages": (self.history.ages, 1), "pending": (6, 1)}
+        sizes |= {"apart": (6, 1), "explained": (2, 1)}
+        sizes |= {"H": (6, 6), "g": (6, 1), "way_out": (4, 1)}
         return sizes | {"away": (2 * rows, 1)}
 
     def size(self, name: str) -> tuple[int, int]:
         """Return the shape of a variable that the functions of the step exchange."""
         if name in ("slack", "multipliers"):
             return (len(self.movable), 1)
+        if name in self.constants:
+            rows, columns = self.constants[name].shape
+            return rows, columns
         return self.sizes.get(name, (1, 1))
 
     def symbols(self, names: Iterable[str] = (), kind: type[Any] = ca.SX) -> Signals:
         """Return symbols of scalars (`casadi.SX`) or matrices (`casadi.MX`), by name."""
-        return Signals(self.size, names, kind)
+        return Signals(self.size, names, kind, None if self.shared else self.constants)
 
     @cached_property
-    def stand_in(self) -> ca.DM:
-        """Posture (n,) for joints that are not seen, see `stand_in`."""
-        return ca.DM(stand_in(self.problem))
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        """Sensitivity and contact, whose further inputs are numbers of the response."""
+        response = self.response
+        if self.shared and shares(response):
+            return response.shared()
+        return response.sensitivity(), response.contact()
+
+    def sensitivity(self, signals: Mapping[str, Any], posture: Any, locked: Any) -> list[ca.MX]:
+        """Return S (n, 6) and E (k, 6), see `ergoqp.responses.Response.sensitivity`."""
+        function = self._functions[0]
+        more = (signals[f"response_{name}"] for name in function.name_in()[2:])
+        return written_out(function, posture, locked, *more)
+
+    def contact(self, signals: Mapping[str, Any], posture: Any) -> Any:
+        """Return the contact frame (4, 4) of a posture (n,)."""
+        function = self._functions[1]
+        return function(posture, *(signals[name] for name in self.contact_names))[0]
+
+    @property
+    def contact_joints(self) -> list[int]:
+        """Numbers of the joints that the contact frame depends on."""
+        return sorted(set(self._functions[1].jac_sparsity(0, 0).get_triplet()[1]))
+
+    @property
+    def contact_names(self) -> list[str]:
+        """Names of the constants that `contact` reads."""
+        return [f"response_{name}" for name in self._functions[1].name_in()[1:]]
+
+    def stop(self, signals: Signals) -> Stop:
+        """Return the law of the stop, with the symbols of its numbers if these are inputs."""
+        law = self.problem.stop
+        if not self.shared:
+            return law
+        given = signals.of("stop", **({} if law.limit.aside else {"aside": 0.0}))
+        found: dict[str, Any] = {"limit": given}
+        found |= {"longest": given.longest} if law.average else {}
+        found |= {"stretch": given.stretch} if self.problem.robot.gain_error else {}
+        found |= {"hold": given.hold, "memory": given.memory} if law.hold else {}
+        return replace(law, **found)
 
     @cached_property
     def pattern(self) -> ca.SX:
         """S at a symbolic posture. It shows which entries are always zero."""
-        n = len(self.problem.coordinates)
-        return self.problem.response.sensitivity()(ca.SX.sym("q", n), ca.SX.sym("locked", n))[0]
+        function = self._functions[0]
+        return function.call(
+            [ca.SX.sym("i", *function.size_in(i)) for i in range(function.n_in())], True
+        )[0]
 
     @cached_property
     def moved(self) -> list[int]:
@@ -320,7 +417,7 @@ class StepModel:
     def movable(self) -> list[int]:
         """Numbers, among all rows, of the rows that some twist can move. These are in the QP."""
         sx, problem = self.symbols((*PLACE, "shift", "S")), self.problem
-        S, brake = self.sparse(sx["S"]), problem.stop.braking(sx["previous"], sx["dt"])
+        S, brake = self.sparse(sx["S"]), self.stop(sx).braking(sx["previous"], sx["dt"])
         context = self.context(sx, S, brake)
         return movable_rows(problem.twist_limit, problem.row_limits, context)
 
@@ -377,6 +474,7 @@ class StepModel:
         S: Expression,
         brake: Braking | None = None,
         held: bool = False,
+        numbers: Signals | None = None,
     ) -> LimitContext:
         """Return the context, from the symbols of a function of the step.
 
@@ -388,7 +486,9 @@ class StepModel:
             brake: braking of this period, which sets how far rows must look ahead. None: only the
                 present counts.
             held: whether the robot holds once what is under way, if that is declared.
+            numbers: where the constants of the limits are. None: in `signals`.
         """
+        given = signals if numbers is None else numbers
         swing = change = ca.SX(6, 1)
         if brake is not None:
             swing, change = signals["previous"] * brake.swing, brake.change
@@ -399,7 +499,8 @@ class StepModel:
             "stop_displacement": swing,
             "change": change,
             "readings": self.by_limit(signals["readings"]),
-            "surface": self.problem.surface,
+            "surface": self.surface(given),
+            "numbers": partial(self.numbers_of, given),
         }
         if "landed" not in signals:
             still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
@@ -415,16 +516,41 @@ class StepModel:
             **where,
         )
 
+    def numbers_of(self, signals: Signals, limit: Any) -> Any:
+        """Return the symbols of the numbers of a limit, or None if they are no inputs."""
+        prefix = prefix_of(self.problem, limit) if self.shared else ""
+        return signals.of(prefix) if prefix else None
+
+    def of_rows(self, signals: Mapping[str, Any], name: str, limit: Limit) -> Any:
+        """Return a number of each row of a limit (m,), such as ``tolerance``."""
+        before = takewhile(lambda each: each is not limit, self.problem.row_limits)
+        start = sum(len(each.names) for each in before)
+        return signals[f"rows_{name}"][start : start + len(limit.names)]
+
+    def robot(self, signals: Signals) -> Any:
+        """Return what is declared of the robot, as attributes. A number that is zero stays one."""
+        robot = self.problem.robot
+        names = ("gain_error", "lag", "dead_time", "longest_hold")
+        zeros: dict[str, Any] = {name: 0.0 for name in names if not getattr(robot, name)}
+        zeros |= {} if robot.noise.any() else {"noise": ca.DM.zeros(6)}
+        return signals.of("robot", **zeros)
+
+    def numbers(self, known: Mapping[str, Any]) -> Signals:
+        """Return where constants are read: what is known if they are inputs, else the numbers."""
+        found = self.symbols((), ca.MX)
+        if self.shared:
+            found |= known
+        return found
+
+    def surface(self, signals: Mapping[str, Any]) -> Any:
+        """Return the surface that the state stays on, with the symbols of its numbers; or None."""
+        surface = self.problem.surface
+        prefix = prefix_of(self.problem, surface) if self.shared else ""
+        return with_symbols(surface, signals, prefix) if prefix else surface
+
     def by_limit(self, readings: Expression) -> dict[str, Expression]:
         """Return the readings of each limit, by the name of its first row."""
         sizes = {limit.names[0]: measure.numel_out(0) for limit, measure in self.measures}
         found = {name: readings[at] for name, at in slices(sizes).items()}
         way = self.problem.way_out
         return found if way is None else found | way.of_limits(self.way_out(readings))
-
-
-def stand_in(problem: Problem) -> np.ndarray:
-    """Return a posture for joints that are not seen: the comfort posture, or zeros without one."""
-    return np.asarray(
-        getattr(problem.response, "comfort", np.zeros(len(problem.coordinates))), dtype=float
-    )

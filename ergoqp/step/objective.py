@@ -5,17 +5,14 @@ Cost and comfort are those over the look-ahead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import dense, is_set
-from ergoqp.limits.keep_out import WayOut
+from ergoqp.expressions import call_by_name, is_set, scalars
 from ergoqp.problem.problem import Problem
-from ergoqp.step.model import StepModel
-from ergoqp.step.rest import HUNTING
+from ergoqp.step.model import Signals, StepModel
 from ergoqp.step.rows import STEADY_RETURN
 
 _LEADS: Final = 10.0
@@ -23,13 +20,6 @@ _LEADS: Final = 10.0
 
 CAUTION_EPS: Final = 0.1
 """Offset that keeps the Gauss-Newton curvature finite where the cost is minimal."""
-
-_HESITATES: Final = 0.25
-"""Effort grows after this many times `Control.stall_after` without an improvement.
-
-After the same time again it is doubled. Without this, an object that always moves at the same speed
-would oscillate about a step of the cost, because the person follows late.
-"""
 
 _LOOKS: Final = (0.1, 1.0)
 """Times at full speed for which the improvement is evaluated [s].
@@ -55,23 +45,20 @@ def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
             for joints that are not seen.
     """
     problem, n = model.problem, len(model.problem.coordinates)
-    q, observed = ca.MX.sym("q", n), ca.MX.sym("observed", n)
+    mx = model.symbols(("posture", "observed"), ca.MX)
+    q, observed = mx["posture"], mx["observed"]
     none = ca.MX(np.nan), ca.MX(ca.DM.zeros(n))
     value, slope = none if model.spare else _value_and_gradient(problem, q)
-    weights, away = _comfort(problem), q - model.stand_in
+    weights, away = mx["task_comfort"], q - mx["task_stand_in"]
     total = value + ca.dot(weights, away**2) / 2
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
     gradient = ca.MX(n, 1)
     gradient[moved] = ((slope + weights * away) * is_set(observed))[moved]
     found = {"value": value, "total": total, "gradient": ca.densify(gradient)}
     found |= {"slope": ca.densify(slope * is_set(observed))} if with_slope else {}
-    names = (["posture", "observed"], list(found))
-    function = ca.Function("cost", [q, observed], list(found.values()), *names)
-    if _is_dense(problem):
-        return function
+    function = mx.function("cost", found)
     # As scalars, the value and its gradient share common subexpressions.
-    inputs = [ca.SX.sym("q", n), ca.SX.sym("observed", n)]
-    return ca.Function("cost", inputs, ca.cse(list(function.expand()(*inputs))), *names)
+    return function if _is_dense(problem) else scalars(function)
 
 
 def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -97,14 +84,7 @@ def _is_dense(problem: Problem) -> bool:
     return getattr(problem.cost, "dense", False)
 
 
-def _comfort(problem: Problem) -> ca.DM:
-    moved = np.array([joint in problem.joints for joint in problem.coordinates], dtype=float)
-    return ca.DM(problem.control.comfort * moved * problem.response.weight_vector)
-
-
-def objective(
-    model: StepModel, signals: Mapping[str, ca.MX], S: ca.MX, E: ca.MX
-) -> tuple[ca.MX, ca.MX]:
+def objective(model: StepModel, signals: Signals, S: ca.MX, E: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Return the objective of the QP.
 
     Its terms are Gauss-Newton of V - V_min over the look-ahead, effort, smoothing, and the contact
@@ -120,47 +100,44 @@ def objective(
     Returns:
         (H, g) of the QP.
     """
-    problem, control, moved = model.problem, model.problem.control, model.moved
-    waits = max(_HESITATES * control.stall_after, 1e-6)
-    hesitates = ca.fmax(ca.fmin(signals["stalled"], HUNTING * control.stall_after) / waits - 1, 0)
-    effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
+    task, control, moved = signals.of("task"), signals.of("control"), model.moved
+    hesitates = ca.fmax(ca.fmin(signals["stalled"], task.hunts) / task.waits - 1, 0)
+    effort = task.effort
     smoothing = control.smoothing / signals["dt"]
     ahead = control.look_ahead
     S = S[moved, :]
     slope = S.T @ signals["gradient"][moved]
-    excess = ca.fmax(signals["total"] - problem.cost.minimum, 0) + CAUTION_EPS
-    weighted = S * ca.repmat(
-        ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6
-    )
+    excess = ca.fmax(signals["total"] - task.minimum, 0) + CAUTION_EPS
+    weighted = S * task.cautious[moved, :]
     # Products of a matrix with its own transpose: symmetric to the last bit.
     H = (
         weighted.T @ weighted
         + control.contact * (E.T @ E)
-        + (ahead**2 / 2 / excess) * (slope @ slope.T)
+        + (task.second_order / excess) * (slope @ slope.T)
     )
     H += ca.diag(effort * (1 + hesitates**2 + smoothing))
     g = ahead * slope - smoothing * effort * signals["previous"]
-    way, out = model.way_out(signals["readings"]), problem.way_out
-    if way is None or out is None:
+    way = model.way_out(signals["readings"])
+    if way is None:
         return H, g
-    H, g = _led_function(problem, out)(H, g, way[:4], signals["previous"], signals["dt"])
-    return H, g
+    led = call_by_name(_led_function(model), signals, H=H, g=g, way_out=way[:4])
+    return led["led_H"], led["led_g"]
 
 
-def _led_function(problem: Problem, out: WayOut) -> ca.Function:
-    """``(H, g, way (4,), previous, dt) -> (H, g)`` of an object that is led out of a region.
+def _led_function(model: StepModel) -> ca.Function:
+    """``(H, g, way_out (4,), previous, dt) -> (led_H, led_g)`` of an object led out of a region.
 
     See `ergoqp.limits.keep_out`. Only its turning is left to the cost, or the object would leave
     the straight way. Its speed is that of every return from outside. Where no way is needed,
     nothing changes.
     """
-    acceleration = problem.twist_limit.linear_acceleration
-    sizes = {"H": (6, 6), "g": (6, 1), "way": (4, 1), "previous": (6, 1), "dt": (1, 1)}
-    sx = H, g, way, previous, dt = [ca.SX.sym(name, *size) for name, size in sizes.items()]
+    sx = model.symbols(("H", "g", "way_out", "previous", "dt"))
+    H, g, way, previous, dt = sx.values()
+    acceleration, recovery_time = sx["task_linear_acceleration"], sx["task_way_out_time"]
     # No faster than all axes together can within a period, to keep to the way. Where a row of the
     # region asks for more, each axis speeds up at its own limit; each step finds its way anew.
     along = ca.fmax(ca.dot(way[:3], previous[:3]), 0)
-    pace = ca.fmin(ca.fmax(way[3] / out.recovery_time, STEADY_RETURN), along + acceleration * dt)
+    pace = ca.fmin(ca.fmax(way[3] / recovery_time, STEADY_RETURN), along + acceleration * dt)
     led_H, led_g = ca.SX(H), ca.SX(g)
     led_H[:3, :], led_H[:, :3] = 0, 0
     led_H[:3, :3] = _LEADS * ca.SX.eye(3)
@@ -168,8 +145,8 @@ def _led_function(problem: Problem, out: WayOut) -> ca.Function:
     # What is replaced may hold no number, which has to show.
     led_g = ca.if_else(ca.sumsqr(H) + ca.sumsqr(g) < ca.inf, led_g, np.nan)
     led = way[3] > 0
-    outputs = dense([ca.if_else(led, led_H, H), ca.if_else(led, led_g, g)])
-    return ca.Function("led", sx, ca.cse(outputs))
+    found = {"led_H": ca.if_else(led, led_H, H), "led_g": ca.if_else(led, led_g, g)}
+    return sx.function("led", found)
 
 
 def gain_function(model: StepModel) -> ca.Function:
@@ -181,34 +158,29 @@ def gain_function(model: StepModel) -> ca.Function:
     end within the noise.
     """
     problem = model.problem
-    n, speed = len(problem.coordinates), problem.twist_limit.speed
-    q, xi, S = ca.SX.sym("q", n), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)
-    free = [axis for axis in range(6) if speed[axis] > 0]
-    relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
+    sx = model.symbols(("posture", "xi", "S"))
+    q, xi, S = sx["posture"], sx["xi"], sx["S"]
+    free = np.flatnonzero(problem.twist_limit.speed > 0).tolist()
+    relative = ca.mmax(ca.fabs(xi[free]) / sx["stop_speed"][free])
     # Joints that the object cannot move keep the same expression at every time, so the cost shares
     # their subexpressions.
     full = model.sparse(S) @ (xi / (relative + 1e-9))
     looks = _DENSE_LOOKS if _is_dense(problem) else _LOOKS
-    places = [_reached(problem, q, seconds * full) for seconds in looks]
-    look = ca.Function("look", [q, xi, S], [ca.densify(ca.horzcat(*places)), relative])
+    surface = model.surface(sx)
+    places = [_reached(surface, q, seconds * full) for seconds in looks]
+    look = sx.function("look", {"seen": ca.horzcat(*places), "pace": relative})
 
-    inputs = [ca.MX.sym("q", n), ca.MX.sym("V"), ca.MX.sym("xi", 6), ca.MX.sym("S", n, 6)]
-    seen, pace = look(inputs[0], inputs[2], inputs[3])
-    away = seen - ca.repmat(model.stand_in, 1, len(looks))
-    ahead = _values(problem, seen) + ca.mtimes(_comfort(problem).T, away**2) / 2
-    gain = ca.if_else(pace > 1e-6, inputs[1] - ca.mmin(ahead), 0)
-    names = (["posture", "total", "xi", "S"], ["gain"])
+    mx = model.symbols(("posture", "total", "xi", "S"), ca.MX)
     if model.spare:
-        return ca.Function("gain", inputs, [ca.MX(0)], *names)
-    function = ca.Function("gain", inputs, [gain], *names)
-    if _is_dense(problem):
-        return function
-    scalars = [ca.SX.sym("q", n), ca.SX.sym("V"), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)]
-    return ca.Function("gain", scalars, [ca.cse(function.expand()(*scalars))], *names)
+        return mx.function("gain", {"gain": ca.MX(0)})
+    seen, pace = call_by_name(look, mx).values()
+    away = seen - ca.repmat(mx["task_stand_in"], 1, len(looks))
+    ahead = _values(problem, seen) + ca.mtimes(mx["task_comfort"].T, away**2) / 2
+    gain = ca.if_else(pace > 1e-6, mx["total"] - ca.mmin(ahead), 0)
+    function = mx.function("gain", {"gain": gain})
+    return function if _is_dense(problem) else scalars(function)
 
 
-def _reached(problem: Problem, q: ca.SX, way: ca.SX) -> ca.SX:
+def _reached(surface: Any, q: ca.SX, way: ca.SX) -> ca.SX:
     """Return the end of a straight path, projected onto the surface if there is one."""
-    if problem.surface is None:
-        return q + way
-    return q + problem.surface.retract(q, way, ca.SX(1), ca.DM([0.0]))
+    return q + way if surface is None else q + surface.retract(q, way, ca.SX(1), ca.DM([0.0]))

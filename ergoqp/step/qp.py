@@ -204,16 +204,17 @@ def pass_data(model: StepModel) -> ca.Function:
     problem, kept = model.problem, model.movable
     names = (*PLACE, "away", "total", "gradient", "stalled", "locked", "final")
     mx = model.symbols(names, ca.MX)
-    S, E = written_out(model.response.sensitivity(), mx["posture"], mx["locked"])
+    S, E = model.sensitivity(mx, mx["posture"], mx["locked"])
     function, follows = _terms(model)
     shift = S @ mx["way"][:6]
-    terms = call_by_name(function, mx | {"shift": shift, "S": S})
+    terms = call_by_name(function, mx, shift=shift, S=S)
     away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
-    brake = Braking(**{name: terms[name] for name in _BRAKING}, dt=mx["dt"], stop=problem.stop)
+    brake = Braking(**{name: terms[name] for name in _BRAKING}, dt=mx["dt"], stop=model.stop(mx))
     matrix = _gathered(S, terms["own"], follows)
     rows = Rows(matrix, **{name: terms[name] for name in _VECTORS})
     twist, limits = problem.twist_limit, problem.row_limits
-    bounds = row_bounds(twist, limits, rows, kept, away, brake, mx["final"])
+    numbers = mx.pick(("rows_yield_zone", "rows_recovery_time"))
+    bounds = row_bounds(twist, limits, rows, kept, away, brake, mx["final"], numbers)
     H, g = objective(model, mx, S, E)
     # Bounds drop the NaN of a row. In the objective it shows in the residual.
     seen = [k for k, row in enumerate(kept) if row in model.watched_rows]
@@ -234,7 +235,7 @@ def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
     """
     problem, kept = model.problem, model.movable
     sx = model.symbols((*PLACE, "shift", "S"))
-    S, stop = model.sparse(sx["S"]), problem.stop
+    S, stop = model.sparse(sx["S"]), model.stop(sx)
     brake = stop.braking(sx["previous"], sx["dt"])
     context = model.context(sx, S, brake)
     brake = on_surface(brake, context)
@@ -269,13 +270,14 @@ def away_function(model: StepModel) -> ca.Function:
     above, below, doubted = [ca.SX(0, 1)], [ca.SX(0, 1)], [ca.SX(0, 1)]
     for limit in problem.row_limits:
         rows = limit.rows(context)
+        tolerance = model.of_rows(signals, "tolerance", limit)
         to_upper, to_lower = ca.fmin(rows.to_upper, FREE), ca.fmin(rows.to_lower, FREE)
-        upper = lower = ca.SX(limit.tolerance)
+        upper = lower = tolerance
         less = ca.SX.zeros(len(limit.names))
         if limit.hard:
-            noise = ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise)
+            noise = ca.fabs(rows.matrix) @ model.robot(signals).noise
             off = off_rows(ca.SX(rows.matrix), signals["astray"], [limit])
-            upper, lower = (limit.tolerance + noise + part for part in off)
+            upper, lower = (tolerance + noise + part for part in off)
             less = ca.fmin(to_upper, to_lower) - ca.fmin(to_upper - off[0], to_lower - off[1])
         doubted.append(less)
         returning = ca.DM(np.broadcast_to(limit.recovers, rows.matrix.shape[0]).astype(float))
@@ -334,7 +336,7 @@ def solve_passes(
     one_pass = _one_pass(model, solver, shape, with_data)
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
     first = call_by_name(one_pass, {**signals, **unlocked}, written=True)
-    fixed = [signals[name] for name in one_pass.name_in()[:-2]]
+    fixed = [signals[name] for name in one_pass.name_in() if name not in unlocked]
     found = written_out(_further_passes(model, one_pass, 1), *fixed, *first.values())
     result = dict(zip(first, found, strict=True))
     return result | {"locked": result.pop("next_locked")}
@@ -346,11 +348,14 @@ def _further_passes(model: StepModel, one_pass: ca.Function, number: int) -> ca.
     Each pass is inside the branch of the one before. So a step without such a joint checks only
     once.
     """
-    inputs = [ca.MX.sym("i", one_pass.sparsity_in(i)) for i in range(one_pass.n_in() - 2)]
+    names = one_pass.name_in()
+    symbols = {name: ca.MX.sym("i", one_pass.sparsity_in(name)) for name in names}
+    inputs = [symbols[name] for name in names if name not in _LOCK]
     result = [ca.MX.sym("r", one_pass.sparsity_out(i)) for i in range(one_pass.n_out())]
     named = dict(zip(one_pass.name_out(), result, strict=True))
     last = number == PASSES - 1
-    next_one = list(one_pass(*inputs, named["next_locked"], float(last)))
+    lock = {"locked": named["next_locked"], "final": ca.MX(float(last))}
+    next_one = list(call_by_name(one_pass, symbols | lock).values())
     if last:
         after = next_one
     else:
@@ -363,9 +368,9 @@ def _further_passes(model: StepModel, one_pass: ca.Function, number: int) -> ca.
 
 
 def _one_pass(model: StepModel, solver: QpSolver, shape: Shape, with_data: bool) -> ca.Function:
-    """Return one QP with a given lock set; the last inputs are ``locked`` and ``final``."""
+    """Return one QP with a given lock set, by the inputs ``locked`` and ``final``."""
     data = shape(pass_data(model))
-    names = [*data.name_in()[:-2], *(_PULL if model.guided else ()), "locked", "final"]
+    names = [*data.name_in(), *(_PULL if model.guided else ())]
     mx = model.symbols(names, ca.MX)
     found = call_by_name(data, mx, written=True)
     if model.guided:
@@ -376,13 +381,15 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape, with_data: bool)
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
     lock = shape(_newly_locked(model))
-    known = {**mx, **answer, "xi": xi, "S": found["S"]}
-    newly = call_by_name(lock, known, written=True)["newly_locked"]
+    known = {**answer, "xi": xi, "S": found["S"]}
+    newly = call_by_name(lock, mx, written=True, **known)["newly_locked"]
     kept = ("S", "E", "shift", *(QP_DATA if with_data else ()))
     result = {**answer, "xi": xi, **{name: found[name] for name in kept}}
     result |= {"next_locked": ca.fmax(mx["locked"], newly), "newly": ca.mmax(newly)}
     return mx.function("one_pass", result)
 
+
+_LOCK: Final = ("locked", "final")
 
 _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
 
@@ -390,15 +397,17 @@ _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
 def _newly_locked(model: StepModel) -> ca.Function:
     """Return the function for unlocked joints at their end that would move outward."""
     mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
-    context = model.context(mx.pick(("posture", "observed", "readings")), mx["S"])
+    where = mx.pick(("posture", "observed", "readings"))
+    context = model.context(where, mx["S"], numbers=mx)
     outward = ca.MX(ca.DM.zeros(*model.size("locked")))
     for limit in model.problem.row_limits:
         if not limit.yield_zone:
             continue
         rows = limit.rows(context)
         rate = rows.matrix @ mx["xi"]
-        up = ca.logic_and(rows.to_upper < limit.yield_zone, rate > 1e-6)
-        down = ca.logic_and(rows.to_lower < limit.yield_zone, rate < -1e-6)
+        zone = model.of_rows(mx, "yield_zone", limit)
+        up = ca.logic_and(rows.to_upper < zone, rate > 1e-6)
+        down = ca.logic_and(rows.to_lower < zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
     free = ca.logic_and(outward, ca.logic_not(is_set(mx["locked"])))
     newly = ca.logic_and(free, mx["residual"] < TOLERANCE)

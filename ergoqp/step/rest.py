@@ -27,7 +27,6 @@ from typing import Any, Final
 import casadi as ca
 
 from ergoqp.expressions import is_set
-from ergoqp.problem.settings import Control
 
 STATES: Final = 6
 """Size of the state of rest.
@@ -41,6 +40,14 @@ HUNTING: Final = 2.0
 """After this many times `Control.stall_after` the object rests even if not at its lowest cost."""
 
 
+HESITATES: Final = 0.25
+"""Effort grows after this many times `Control.stall_after` without an improvement.
+
+After the same time again it is doubled. Without this, an object that always moves at the same speed
+would oscillate about a step of the cost, because the person follows late.
+"""
+
+
 def stalled(rest: Any) -> Any:
     """Return for how long the object has moved without an improvement [s], 0 at rest.
 
@@ -50,7 +57,7 @@ def stalled(rest: Any) -> Any:
 
 
 def rest_update(
-    control: Control,
+    control: Any,
     rest: ca.SX,
     gain: ca.SX,
     value: ca.SX,
@@ -65,7 +72,7 @@ def rest_update(
     when the gain is large for some time.
 
     Args:
-        control: thresholds and times.
+        control: thresholds and times of `ergoqp.Control`, as numbers or symbols.
         rest: state of rest, see `STATES` (6,).
         gain: predicted improvement of this frame, within one second at full speed [points].
         value: cost of this frame [points].
@@ -151,7 +158,7 @@ def is_journey(phase: ca.SX) -> ca.SX:
 
 
 def trial_update(
-    control: Control,
+    control: Any,
     trial: ca.SX,
     rest: ca.SX,
     pose: ca.SX,
@@ -165,7 +172,7 @@ def trial_update(
     """Return the next (trial (13,), rest (6,)).
 
     Args:
-        control: thresholds and times.
+        control: thresholds and times of `ergoqp.Control`, as numbers or symbols.
         trial: state, see `TRIAL`.
         rest: next rest state of descent alone, see `ergoqp.step.rest.STATES`.
         pose: contact frame (4, 4).

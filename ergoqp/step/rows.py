@@ -18,7 +18,7 @@ the time that the return should take.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -124,6 +124,7 @@ def row_bounds(
     away: Expression,
     brake: Braking,
     final: Expression,
+    numbers: Mapping[str, Expression] | None = None,
 ) -> dict[str, Expression]:
     """Return the bounds of the movable rows, both ends of all rows at once, as vectors.
 
@@ -136,6 +137,8 @@ def row_bounds(
             the lower ones; 0 for rows that do not ask to come back.
         brake: braking of this period.
         final: 1 in the last pass, in which joints near their end no longer yield.
+        numbers: ``rows_yield_zone`` and ``rows_recovery_time`` of all rows (r,). None: those of the
+            limits.
     """
     m, kept = len(kept), list(kept)
     if not m:
@@ -143,7 +146,7 @@ def row_bounds(
     # An axis that the object must not move may still be coming to rest after a push. It counts
     # until then.
     at_braking = rows.matrix @ brake.twist
-    upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final)
+    upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final, numbers)
     upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
     # An inward target never exceeds what the other end allows, because the slack covers one side.
     lower = ca.fmax(lower, -FREE)
@@ -170,10 +173,13 @@ def _ends(
     at_braking: Expression,
     brake: Braking,
     final: Expression,
+    numbers: Mapping[str, Expression] | None,
 ) -> tuple[Expression, Expression]:
     """Return (largest rate toward each end, allowed excess): upper ends first, then lower ones."""
 
-    def constant(pick: str) -> ca.DM:
+    def constant(pick: str) -> Expression:
+        if numbers is not None and f"rows_{pick}" in numbers:
+            return numbers[f"rows_{pick}"][[*kept, *kept]]
         return ca.DM(np.tile(limit_values(limits, pick)[kept], 2))
 
     def twice(values: Expression) -> Expression:
@@ -191,8 +197,8 @@ def _ends(
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
     # In the yield zone, and beyond the end, the first passes do not bound the joint. If the QP
     # moves it outward, it is locked and the object goes on without it.
-    zone = constant("yield_zone")
-    if zone.nnz():
+    if limit_values(limits, "yield_zone")[kept].any():
+        zone = constant("yield_zone")
         inside = ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE))
         yields = ca.logic_and(inside, ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
@@ -229,7 +235,11 @@ def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
 
 
 def update_recovery_timer(
-    limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX
+    limits: Sequence[Limit],
+    asked: ca.MX,
+    margins: ca.MX,
+    dt: ca.MX,
+    numbers: tuple[Expression, Expression] | None = None,
 ) -> ca.MX:
     """Return the next state of asking (2,).
 
@@ -244,10 +254,12 @@ def update_recovery_timer(
             [s].
         margins: present margins of all rows (r,).
         dt: period [s].
+        numbers: tolerance and recovery time of each row (r,). None: those of the limits.
     """
+    tolerance, time = numbers or (
+        ca.DM(limit_values(limits, name)) for name in ("tolerance", "recovery_time")
+    )
     soft = limit_values(limits, "recovers") * (1 - limit_values(limits, "hard"))
-    time = ca.DM(limit_values(limits, "recovery_time"))
-    tolerance = ca.DM(limit_values(limits, "tolerance"))
     away = ca.if_else(margins < -tolerance, -margins, 0) * ca.DM(soft)
     steady = STEADY_RETURN * time
     fading = time * (ca.log(ca.fmax(away / steady, 1)) + 1)

@@ -30,7 +30,7 @@ from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause, Fault, Status
 from ergoqp.step.certification import stop_function
 from ergoqp.step.frames_check import VERDICTS
-from ergoqp.step.function import build_step, state_at_start, step_function
+from ergoqp.step.function import build_shared_step, shared_step, state_at_start
 from ergoqp.step.given import number, put, truth
 from ergoqp.step.guide import Guide, read_guide
 from ergoqp.step.layout import CLOCK_ROUNDING, SHORTEST_DT, History
@@ -143,6 +143,10 @@ class Stepper:
         for name in ("observed", "frame", "enable"):
             usual[self._at[name]] = 1.0
         usual[self._at["dt"]] = self.dt
+        for name, value in self._model.constants.items():
+            # A function may have the numbers of the problem in itself.
+            if name in self._at:
+                usual[self._at[name]] = value.ravel(order="F")
         if place is not None:
             usual = self._led(usual, place)
         self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
@@ -150,8 +154,8 @@ class Stepper:
     def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
         """Return the function of the step, or the one in which no term calls Python."""
         if spare:
-            return build_step(self.problem, self._solver, guided=self._guided, spare=True)
-        return step_function(self.problem, solver, compiled, guided=self._guided)
+            return build_shared_step(self.problem, self._solver, guided=self._guided, spare=True)
+        return shared_step(self.problem, solver, compiled, guided=self._guided)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
@@ -160,6 +164,7 @@ class Stepper:
         self._call, self._given = evaluator.evaluate, evaluator.given
         # The slice of each input, and of each part of the state within the state.
         self._inputs, self._at, self._parts = evaluator.inputs, evaluator.places, self._model.places
+        self._recorded = [name for name in self._at if name not in self._model.constants]
         if type(self._solver) is not Daqp:
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
@@ -609,7 +614,7 @@ class Stepper:
     def _record(self, notes: dict[str, str], **more: bool) -> None:
         """Give the inputs to the log; a failing log is noted."""
         entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes), **more}
-        entry |= {name: values.tolist() for name, values in self._inputs.items()}
+        entry |= {name: self._inputs[name].tolist() for name in self._recorded}
         try:
             if self._log is not None:
                 self._log(entry)

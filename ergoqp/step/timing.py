@@ -16,9 +16,10 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.validate import PERIODS, shortest
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.daqp import ITERATIONS, in_step
-from ergoqp.step.function import build_step
+from ergoqp.step.constants import stand_in
+from ergoqp.step.function import build_shared_step
 from ergoqp.step.guide import RECORDED
-from ergoqp.step.model import StepModel, stand_in
+from ergoqp.step.model import StepModel
 from ergoqp.step.qp import PASSES
 from ergoqp.step.stepper import Stepper
 
@@ -149,7 +150,9 @@ def _largest_step(problem: Problem, compiled: bool, guided: bool) -> ca.Function
 
     def build(solver: Any) -> ca.Function:
         name = "largest_step"
-        return build_step(problem, solver, name, guided, unrolled=compiled, every_branch=True)
+        return build_shared_step(
+            problem, solver, name, guided, unrolled=compiled, every_branch=True
+        )
 
     return machine_code(build) if compiled else build(solver_named("daqp"))
 

@@ -16,6 +16,7 @@ from ergoqp.problem.settings import Frames
 from ergoqp.simulation.robot import moved
 from ergoqp.step.causes import Cause
 from ergoqp.step.frames_check import AGREED, BEYOND, DOUBTED, PERIOD, _judged, bounds
+from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Step, Stepper
 
 
@@ -103,7 +104,7 @@ def test_what_counts_is_the_distance_and_the_angle_together(
     """An ellipse of 0.38 m and 60 deg, and of 0.9 m and 90 deg once they have agreed."""
     block = np.array([0, 3.0, 4.0, AGREED if trusted else 2, 0, 0])
     apart = np.array([0, distance, 0, 0, 0, 2 * np.sin(np.radians(degrees) / 2)])
-    after = np.array(_judged(problem_of())(block, apart, [1.5, explained])).ravel()
+    after = np.array(_judged(StepModel(problem_of()))(block, apart, [1.5, explained])).ravel()
     outside = (distance / 0.38) ** 2 + (degrees / 60) ** 2 > 1
     walked = (distance / 0.9) ** 2 + (degrees / 90) ** 2 > 1
     assert after[1] == 3 + (1 if (walked if trusted else outside) else -1)
