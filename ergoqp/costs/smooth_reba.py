@@ -70,7 +70,7 @@ def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     The standard deviation of eta is pi / sqrt(12) = 0.91, so tau is nearly the standard
     deviation of the noise. The scale parameter of the logistic distribution is tau / 2.
     """
-    if isinstance(tau, ca.SX) or 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
+    if isinstance(tau, ca.SX) or _overflows(edge, tau):
         # The tanh form cannot overflow at any scale.
         return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
     # All edges of a joint share one exponential. Simplifying the whole expression merges it.
@@ -78,7 +78,46 @@ def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     return scale / (scale + ca.exp(x * (-2 / tau)))
 
 
-def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
+def _overflows(edge: float, tau: float) -> bool:
+    """Return whether the exponential form of `past` overflows at some angle."""
+    return 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """A scale of the noise whose numbers are symbols: those of `past` for each end of a band.
+
+    Attributes:
+        rate: factor of the angle [1/rad].
+        ends: what the end of each band becomes (dimensionless), in the order of `_edges`.
+        places: place of the first end of each step function in `ends`, by its id.
+        overflows: whether the tanh form is taken.
+    """
+
+    rate: ca.SX
+    ends: ca.SX
+    places: dict[int, int]
+    overflows: bool
+
+    def past(self, x: ca.SX, step: StepFunction, number: int) -> ca.SX:
+        """Return `past` of an end of a step function."""
+        end = self.ends[self.places[id(step)] + number]
+        if self.overflows:
+            return 0.5 + 0.5 * ca.tanh(x * self.rate - end)
+        return end / (end + ca.exp(x * self.rate))
+
+
+def _edges(sheet: Sheet) -> tuple[list[float], dict[int, int]]:
+    """Return all ends of bands, and where those of each step function begin, by its id."""
+    edges, places = list[float](), dict[int, int]()
+    for segment in sheet.segments.values():
+        for step in segment.steps:
+            places[id(step)] = len(edges)
+            edges += step.edges
+    return edges, places
+
+
+def of_step(step: StepFunction, x: ca.SX, tau: Scale) -> Distribution:
     """Return the distribution of a step function's score if its joint has noise of scale tau.
 
     Args:
@@ -86,7 +125,11 @@ def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
         x: the joint's angle [rad].
         tau: scale of the logistic noise [rad].
     """
-    beyond = [1, *(past(x, edge, tau) for edge in step.edges), 0]
+    if isinstance(tau, _Noise):
+        ends = [tau.past(x, step, number) for number in range(len(step.edges))]
+    else:
+        ends = [past(x, edge, tau) for edge in step.edges]
+    beyond = [1, *ends, 0]
     if len(set(step.scores)) == 2:
         # With two scores ("twisted" or not), the complement of one saves half the operations.
         inner = step.scores[1]
@@ -191,9 +234,26 @@ def expectation(cells: np.ndarray, rows: Distribution, columns: Distribution) ->
     return total
 
 
+def _expected(cells: ca.SX, rows: Distribution, columns: Distribution) -> ca.SX:
+    """Return `expectation` for cells that are symbols.
+
+    Args:
+        cells: the first cell of each row, then the rises from cell to cell.
+        rows: distribution along the first axis.
+        columns: independent distribution along the second.
+    """
+    survival = [1 - chance for chance in cumulative(columns, range(1, cells.shape[1]))]
+    beyond = ca.vertcat(1, *survival)
+    chosen = [row - 1 for row in rows]
+    return ca.dot(ca.vertcat(*rows.values()), cells[chosen, :] @ beyond)
+
+
 def _sum(terms: Iterable[ca.SX]) -> ca.SX:
     return sum(terms, start=ca.SX(0))
 
+
+Scale = float | ca.SX | _Noise
+"""Scale of the noise [rad], or the numbers that follow from one."""
 
 Expression = TypeVar("Expression", ca.SX, ca.MX)
 
@@ -275,6 +335,44 @@ class SmoothReba:
             f"{self.name}_gradient", [self._q], outputs, ["posture"], ["cost", "gradient"]
         )
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return the numbers of the cost: all in which two with the same options differ.
+
+        They are the further inputs of `shared`: ``cells``, the final table with its rows and
+        columns moved by load and coupling, as the first cell and the rises of each row; and for
+        each scale, one after the other, its ``rates``, and the ``ends`` of all bands; ``shares``.
+        """
+        edges = np.array(_edges(self._reading.sheet)[0])
+        rates, ends = list[float](), list[np.ndarray]()
+        for tau, overflows in zip(np.radians(self.taus_deg), self._overflow, strict=True):
+            rates.append(1 / tau if overflows else -2 / tau)
+            ends.append(edges / tau if overflows else np.exp(-2 * edges / tau))
+        cells = np.asarray(self._reading.moved(), dtype=float)
+        rises = np.hstack([cells[:, :1], np.diff(cells, axis=1)])
+        found = {"cells": rises, "rates": np.array(rates), "ends": np.concatenate(ends)}
+        return found | {"shares": np.array(self.weights)}
+
+    @cached_property
+    def _overflow(self) -> tuple[bool, ...]:
+        """Whether each scale needs the tanh form, see `past`."""
+        widest = max(map(abs, _edges(self._reading.sheet)[0]))
+        return tuple(_overflows(widest, tau) for tau in np.radians(self.taus_deg).tolist())
+
+    @cached_property
+    def shared(self) -> ca.Function:
+        """`function` with the `constants` as further inputs."""
+        sizes = {name: value.shape for name, value in self.constants().items()}
+        given = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
+        edges, places = _edges(self._reading.sheet)
+        values = []
+        for number, overflows in enumerate(self._overflow):
+            ends = given["ends"][number * len(edges) : (number + 1) * len(edges)]
+            noise = _Noise(given["rates"][number], ends, places, overflows)
+            values.append(_expected(given["cells"], *self._reading.unmoved(self._q, noise)))
+        inputs = {"posture": self._q, **given}
+        cost = ca.cse([ca.dot(given["shares"], ca.vertcat(*values))])
+        return ca.Function(self.name, list(inputs.values()), cost, list(inputs), ["cost"])
+
     @cached_property
     def _at_scale(self) -> ca.Function:
         tau = ca.SX.sym("tau")
@@ -315,7 +413,7 @@ class _Reading:
     method: Method
     task: Task
 
-    def expected(self, q: ca.SX, tau: float | ca.SX) -> ca.SX:
+    def expected(self, q: ca.SX, tau: Scale) -> ca.SX:
         """Return E[REBA] at a posture, shape (32,) [rad], under noise of scale tau [rad]."""
         return expectation(self._final(), *self._scores(q, tau))
 
@@ -328,8 +426,20 @@ class _Reading:
         """Return table C with the activity, limited to the highest final score."""
         return np.minimum(self.sheet.tables["C"].cells + self._points("C"), self.method.final_max)
 
-    def _scores(self, q: ca.SX, tau: float | ca.SX) -> tuple[Distribution, Distribution]:
+    def moved(self) -> np.ndarray:
+        """Return the final table for scores A and B without load and coupling."""
+        rows, columns = (
+            np.arange(self.sheet.tables[name].cells.max()) + self._points(name) for name in "AB"
+        )
+        return self._final()[np.ix_(rows, columns)]
+
+    def _scores(self, q: ca.SX, tau: Scale) -> tuple[Distribution, Distribution]:
         """Return the distributions of scores A and B."""
+        table_a, table_b = self.unmoved(q, tau)
+        return shift(table_a, self._points("A")), shift(table_b, self._points("B"))
+
+    def unmoved(self, q: ca.SX, tau: Scale) -> tuple[Distribution, Distribution]:
+        """Return the distributions of scores A and B without load and coupling."""
         sheet = self.sheet
         table_a = through_table(
             sheet.tables["A"].cells,
@@ -346,12 +456,12 @@ class _Reading:
             table_b = through_table(
                 cells, [worse(right, left) for right, left in zip(*arms, strict=True)]
             )
-        return shift(table_a, self._points("A")), shift(table_b, self._points("B"))
+        return table_a, table_b
 
     def _points(self, table: str) -> int:
         return int(self.task.points[self.sheet.tables[table].plus])
 
-    def _segment(self, segment: Segment, q: ca.SX, tau: float | ca.SX, side: str) -> Distribution:
+    def _segment(self, segment: Segment, q: ca.SX, tau: Scale, side: str) -> Distribution:
         points = segment.start
         if segment.skipped_by is not None and self.task.flag(segment.skipped_by):
             scores = {0: ca.SX(1)}

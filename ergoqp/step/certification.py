@@ -145,8 +145,8 @@ def smallest_margins(
     The hold of a robot counts for hard limits only.
     """
     margins = None
-    for column, context in enumerate(contexts if limit.hard else contexts[:1]):
-        on = limit.margins(context, ways[:, column])
+    for number, context in enumerate(contexts if limit.hard else contexts[:1]):
+        on = limit.margins(context, ways[:, number])
         margins = on if margins is None else marked(ca.fmin(margins, on), margins, on)
     return margins
 

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
 from ergoqp.responses import IkResponse
@@ -72,7 +73,7 @@ def shares(term: Any) -> bool:
 
     Others have them in their expressions, and a function of their own.
     """
-    return type(term) is IkResponse
+    return type(term) in (IkResponse, SmoothReba)
 
 
 def prefix_of(problem: Problem, limit: Limit) -> str:

@@ -134,9 +134,9 @@ def frames_sentence(problem: Problem, parts: np.ndarray) -> str:
 
 
 def _difference(pose: ca.MX, contact: ca.MX, offset: ca.MX) -> ca.MX:
-    """Return how far a measured pose is from that by posture (6,): distance [m] and axis, less what is calibrated.
+    """Return how far a measured pose is from that by posture (6,), less what is calibrated.
 
-    The last three entries are the difference of the axes of the tool, of length 2 sin(angle / 2).
+    The first three entries are a distance [m]. The last three entries are the difference of the axes of the tool, of length 2 sin(angle / 2).
     The turn about the axis does not count: most grasps leave it free, and the wrist's errors add up
     in it.
     """

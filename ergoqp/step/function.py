@@ -295,7 +295,11 @@ def step_function(
 
 
 def shared_step(
-    problem: Problem, solver: str | QpSolver = "daqp", compiled: bool = False, *, guided: bool = False
+    problem: Problem,
+    solver: str | QpSolver = "daqp",
+    compiled: bool = False,
+    *,
+    guided: bool = False,
 ) -> ca.Function:
     """Return `step_function` with the numbers of the problem as further inputs.
 

@@ -376,6 +376,13 @@ class StepModel:
         """Names of the constants that `contact` reads."""
         return [f"response_{name}" for name in self._functions[1].name_in()[1:]]
 
+    def cost(self, signals: Mapping[str, Any], posture: ca.MX) -> ca.MX:
+        """Return V of a posture (n,)."""
+        cost = self.problem.cost
+        if not (self.shared and shares(cost)):
+            return cost.expression(posture)
+        return cost.shared(posture, *(signals[f"cost_{name}"] for name in cost.constants()))
+
     def stop(self, signals: Signals) -> Stop:
         """Return the law of the stop, with the symbols of its numbers if these are inputs."""
         law = self.problem.stop

@@ -48,7 +48,7 @@ def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
     mx = model.symbols(("posture", "observed"), ca.MX)
     q, observed = mx["posture"], mx["observed"]
     none = ca.MX(np.nan), ca.MX(ca.DM.zeros(n))
-    value, slope = none if model.spare else _value_and_gradient(problem, q)
+    value, slope = none if model.spare else _value_and_gradient(model, mx, q)
     weights, away = mx["task_comfort"], q - mx["task_stand_in"]
     total = value + ca.dot(weights, away**2) / 2
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
@@ -61,19 +61,20 @@ def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
     return function if _is_dense(problem) else scalars(function)
 
 
-def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
-    if _is_dense(problem):
+def _value_and_gradient(model: StepModel, mx: Signals, q: ca.MX) -> tuple[ca.MX, ca.MX]:
+    if _is_dense(model.problem):
         # Dense costs have this member.
-        return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue]
-    value = problem.cost.expression(q)
+        return model.problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue]
+    value = model.cost(mx, q)
     return value, ca.gradient(value, q)
 
 
-def _values(problem: Problem, states: ca.MX) -> ca.MX:
+def _values(model: StepModel, mx: Signals, states: ca.MX) -> ca.MX:
     """Return V (1, k) at several states (n, k)."""
+    problem = model.problem
     if _is_dense(problem) and hasattr(problem.cost, "values"):
         return problem.cost.values(states[problem.cost.coordinates.indices, :])  # pyright: ignore
-    return ca.horzcat(*(problem.cost.expression(state) for state in ca.horzsplit(states)))
+    return ca.horzcat(*(model.cost(mx, state) for state in ca.horzsplit(states)))
 
 
 def _is_dense(problem: Problem) -> bool:
@@ -175,7 +176,7 @@ def gain_function(model: StepModel) -> ca.Function:
         return mx.function("gain", {"gain": ca.MX(0)})
     seen, pace = call_by_name(look, mx).values()
     away = seen - ca.repmat(mx["task_stand_in"], 1, len(looks))
-    ahead = _values(problem, seen) + ca.mtimes(mx["task_comfort"].T, away**2) / 2
+    ahead = _values(model, mx, seen) + ca.mtimes(mx["task_comfort"].T, away**2) / 2
     gain = ca.if_else(pace > 1e-6, mx["total"] - ca.mmin(ahead), 0)
     function = mx.function("gain", {"gain": gain})
     return function if _is_dense(problem) else scalars(function)

@@ -179,7 +179,7 @@ def _ends(
 
     def constant(pick: str) -> Expression:
         if numbers is not None and f"rows_{pick}" in numbers:
-            return numbers[f"rows_{pick}"][[*kept, *kept]]
+            return numbers[f"rows_{pick}"][[*kept, *kept], 0]
         return ca.DM(np.tile(limit_values(limits, pick)[kept], 2))
 
     def twice(values: Expression) -> Expression:

@@ -20,6 +20,7 @@ from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit, WorkspaceBo
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot, Frames
 from ergoqp.simulation.check import Checker, Ways
+from ergoqp.step.model import StepModel
 from ergoqp.step.objective import _led_function
 from ergoqp.step.rows import STEADY_RETURN
 from ergoqp.step.stepper import Stepper
@@ -292,7 +293,7 @@ def test_out_of_a_region_the_object_goes_no_faster_than_all_axes_together_can() 
     problem = scene([EDGE])
     assert problem.way_out is not None
     assert problem.way_out.recovery_time == 0.5
-    led = _led_function(problem, problem.way_out)
+    led = _led_function(StepModel(problem))
     acceleration = problem.twist_limit.linear_acceleration
     way, H, g = np.array([0.6, 0.0, 0.8, 0.1]), np.eye(6), np.ones(6)
     for along, far, pace in (

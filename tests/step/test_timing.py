@@ -16,7 +16,7 @@ from ergoqp.native.compiled import c_text
 from ergoqp.simulation.robot import moved
 from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.solvers.daqp import ITERATIONS
-from ergoqp.step.function import build_step
+from ergoqp.step.function import build_shared_step, build_step
 from ergoqp.step.qp import PASSES
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.timing import LARGEST_ITERATIONS, StepTimes, _largest_step, benchmark_step
@@ -80,7 +80,8 @@ def test_the_form_that_is_timed_is_the_one_that_takes_every_branch() -> None:
     problem, solver = problem_of("forearm"), solver_named("daqp")
     timed = _largest_step(problem, compiled=False, guided=False)
     every, usual = (
-        build_step(problem, solver, "largest_step", every_branch=every) for every in (True, False)
+        build_shared_step(problem, solver, "largest_step", every_branch=every)
+        for every in (True, False)
     )
     assert timed.serialize() == every.serialize() != usual.serialize()
 
