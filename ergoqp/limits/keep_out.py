@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, Final, Protocol
 
 import casadi as ca
@@ -19,9 +20,16 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_has, check_parameters, check_text, shown
 from ergoqp.errors import InputError, last_line
-from ergoqp.expressions import dense
+from ergoqp.expressions import column, dense, slices
 from ergoqp.joints import JOINTS
-from ergoqp.limits.limit import LimitContext, Recovery, Rows, straight_margins, three
+from ergoqp.limits.limit import (
+    LimitContext,
+    Recovery,
+    Rows,
+    straight_margins,
+    three,
+    with_symbols,
+)
 
 _TINY: Final = 1e-30
 """Keeps the slope of a square root finite [m^2]."""
@@ -88,6 +96,7 @@ class HalfSpace:
     normal: tuple[float, float, float]
     offset: Annotated[float, Range(-_LARGEST, _LARGEST, "m", (-10.0, 10.0))]
     flat: ClassVar[bool] = True
+    directions: ClassVar[tuple[str, ...]] = ("normal",)
 
     def __post_init__(self) -> None:
         """Check the numbers and make the normal a unit vector."""
@@ -100,8 +109,12 @@ class HalfSpace:
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction. The direction is the normal everywhere."""
-        normal = ca.SX(ca.DM(self.normal))
+        normal = ca.SX(column(self.normal))
         return ca.dot(normal, point) - self.offset, normal
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return ``normal`` (3,) and ``offset`` [m]."""
+        return {"normal": np.array(self.normal), "offset": np.array([self.offset])}
 
 
 @dataclass(frozen=True)
@@ -134,9 +147,13 @@ class Ball:
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction: away from the centre, and up at the centre itself."""
-        away = point - ca.DM(self.centre)
+        away = point - column(self.centre)
         length = ca.sqrt(ca.sumsqr(away) + _TINY)
         return length - self.radius, ca.if_else(length < _SAME, ca.DM([0, 0, 1]), away / length)
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return ``centre`` (3,) and ``radius`` [m]."""
+        return {"centre": np.array(self.centre), "radius": np.array([self.radius])}
 
 
 @dataclass(frozen=True)
@@ -175,15 +192,20 @@ class Box:
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return distance and direction, from the nearest point; inside, from the nearest face."""
-        beyond = ca.fmax(point - ca.DM(self.upper), 0) - ca.fmax(ca.DM(self.lower) - point, 0)
+        lower, upper = column(self.lower), column(self.upper)
+        beyond = ca.fmax(point - upper, 0) - ca.fmax(lower - point, 0)
         length = ca.sqrt(ca.sumsqr(beyond) + _TINY)
         outside = length > _SAME
-        faces = ca.vertcat(point - ca.DM(self.upper), ca.DM(self.lower) - point)
+        faces = ca.vertcat(point - upper, lower - point)
         depth, inward = ca.mmax(faces), ca.SX(3, 1)
         for face in reversed(range(6)):
             out = ca.DM(np.eye(3)[face % 3] * (1.0 if face < 3 else -1.0))
             inward = ca.if_else(faces[face] >= depth, out, inward)
         return ca.if_else(outside, length, depth), ca.if_else(outside, beyond / length, inward)
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return ``lower`` and ``upper`` (3,) [m]."""
+        return {"lower": np.array(self.lower), "upper": np.array(self.upper)}
 
 
 @dataclass(frozen=True)
@@ -255,6 +277,10 @@ class KeepOut:
     def measure(self) -> None:
         """Return None: nothing is computed beforehand."""
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return the numbers of a region of the package. Others have them in their expressions."""
+        return self.region.constants() if type(self.region) in (HalfSpace, Ball, Box) else {}
+
     def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the half-space that touches the region nearest to the object.
 
@@ -262,7 +288,10 @@ class KeepOut:
         `ergoqp.limits.keep_out`.
         """
         ahead = context.pending_displacement[:3]
-        distance, direction = self.region.nearest(context.pose[:3, 3] - ahead)
+        region = self.region
+        if self.constants():
+            region = with_symbols(region, context.given(self))
+        distance, direction = region.nearest(context.pose[:3, 3] - ahead)
         if (way := context.readings.get(self.name)) is not None:
             inside = way[3] > 0
             direction = ca.if_else(inside, way[:3], direction)
@@ -323,6 +352,18 @@ _DIRECTIONS: Final = np.array(
 
 
 @dataclass(frozen=True)
+class _Given:
+    """What the way out depends on, as symbols: the regions, and numbers of `WayOut`."""
+
+    regions: list[Any]
+    lower: Any
+    upper: Any
+    inside: Any
+    room: Any
+    allowed: Any
+
+
+@dataclass(frozen=True)
 class WayOut:
     """The shortest straight way from a place in a region to a place where every region holds.
 
@@ -344,7 +385,7 @@ class WayOut:
         inside: distance outside the workspace that counts as inside [m].
         room: distance from the workspace's ends at which the object can rest (3,) [m].
         moves: whether the object can move along x, y, z.
-        noise: largest error of a measured position, in any direction [m].
+        allowed: how deep in each region still counts as outside (k,) [m].
     """
 
     kept: tuple[KeepOut, ...]
@@ -353,7 +394,7 @@ class WayOut:
     inside: float
     room: tuple[float, ...]
     moves: tuple[bool, ...]
-    noise: float
+    allowed: tuple[float, ...]
 
     @classmethod
     def of(
@@ -374,7 +415,8 @@ class WayOut:
         error = float(np.linalg.norm(noise))
         ends = ((-np.inf,) * 3, (np.inf,) * 3) if box is None else (box.lower, box.upper)
         inside = error if box is None else box.tolerance + error
-        return cls(kept, *ends, inside, tuple(room + error), tuple(moves.tolist()), error)
+        allowed = tuple(limit.tolerance + error for limit in kept)
+        return cls(kept, *ends, inside, tuple(room + error), tuple(moves.tolist()), allowed)
 
     @property
     def recovery_time(self) -> float:
@@ -386,23 +428,47 @@ class WayOut:
         """Number of entries of `function`'s result."""
         return 5 + len(self.kept)
 
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return the numbers that are attributes, and ``regions``: those of all regions."""
+        names = ("lower", "upper", "inside", "room", "allowed")
+        found = {name: np.array(getattr(self, name), dtype=float).reshape(-1) for name in names}
+        parts = [part for limit in self.kept for part in limit.constants().values()]
+        return found | {"regions": np.concatenate([part.reshape(-1) for part in parts])}
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All `constants`, one after the other (m,)."""
+        return np.concatenate(list(self.constants().values()))
+
+    def _given(self, numbers: Any) -> _Given:
+        """Return what the way depends on, with the symbols of `numbers`."""
+        parts = slices({name: value.size for name, value in self.constants().items()})
+        found = {name: numbers[at] for name, at in parts.items()}
+        rest, regions = found.pop("regions"), list[Any]()
+        for limit in self.kept:
+            sizes = {name: value.size for name, value in limit.constants().items()}
+            own = SimpleNamespace(**{name: rest[at] for name, at in slices(sizes).items()})
+            regions.append(with_symbols(limit.region, own))
+            rest = rest[sum(sizes.values()) :]
+        return _Given(regions, **found)
+
     @cached_property
     def function(self) -> ca.Function:
-        """``pose (4, 4) -> way (5 + k,)``.
+        """``pose (4, 4), numbers (m,) -> way (5 + k,)``.
 
         The entries are the direction (3,) of the way, its length [m], 1 if a way is needed and
         there is none, and for each region the length of the way inside it [m]. All are zero where
         no way is needed.
         """
-        pose = ca.MX.sym("pose", 4, 4)
-        given = [pose[:3, 3], *self._where(pose[:3, 3])]
+        pose, numbers = ca.MX.sym("pose", 4, 4), ca.MX.sym("numbers", self.numbers.size)
+        given = [pose[:3, 3], *self._where(pose[:3, 3], numbers), numbers]
         symbols = [ca.MX.sym("at", part.shape[0]) for part in given]
         found = ca.Function("found", symbols, [self._search(*symbols)])
         none = ca.Function("none", symbols, [ca.MX(ca.DM.zeros(self.size))])
         way = ca.Function.if_else("way", found, none)(
             ca.mmax(ca.vertcat(given[2], given[3])), *given
         )
-        return ca.Function("way_out", [pose], [way], ["pose"], ["way"])
+        return ca.Function("way_out", [pose, numbers], [way], ["pose", "numbers"], ["way"])
 
     def of_limits(self, way: Any) -> dict[str, Any]:
         """Return for each region, by name, the direction (3,) of the way and its length inside."""
@@ -413,86 +479,88 @@ class WayOut:
 
     @cached_property
     def _where(self) -> ca.Function:
-        """``place (3,) -> (back (3,), within (k,), behind (k,))``.
+        """``place (3,), numbers -> (back (3,), within (k,), behind (k,))``.
 
         `back` leads straight back to the workspace. `within` is 1 for regions that the place is
         in, `behind` for regions that the way back meets.
         """
-        place = ca.SX.sym("place", 3)
-        off = ca.fmin(ca.fmax(place, ca.DM(self.lower)), ca.DM(self.upper)) - place
-        back = ca.if_else(ca.fabs(off) > self.inside, off, 0) * ca.DM(self.moves)
+        place, numbers = ca.SX.sym("place", 3), ca.SX.sym("numbers", self.numbers.size)
+        own = self._given(numbers)
+        off = ca.fmin(ca.fmax(place, own.lower), own.upper) - place
+        back = ca.if_else(ca.fabs(off) > own.inside, off, 0) * ca.DM(self.moves)
         still, outside = ca.SX(3, 1), ca.norm_1(back) > 0
-        within = [self._depth(limit, place, still, 0) > self._allowed(limit) for limit in self.kept]
-        behind = [self._depth(limit, place, back, _CLEAR) > 0 for limit in self.kept]
-        parts = [back, ca.vertcat(*within), outside * ca.vertcat(*behind)]
-        return ca.Function("where", [place], ca.cse(dense(parts)))
+        within = [_depth(region, place, still, 0) for region in own.regions]
+        behind = [_depth(region, place, back, _CLEAR) > 0 for region in own.regions]
+        parts = [back, ca.vertcat(*within) > own.allowed, outside * ca.vertcat(*behind)]
+        return ca.Function("where", [place, numbers], ca.cse(dense(parts)))
 
-    def _allowed(self, limit: KeepOut) -> float:
-        """How deep in a region still counts as outside [m]."""
-        return limit.tolerance + self.noise
-
-    def _search(self, place: ca.MX, back: ca.MX, within: ca.MX, behind: ca.MX) -> ca.MX:
+    def _search(
+        self, place: ca.MX, back: ca.MX, within: ca.MX, behind: ca.MX, numbers: ca.MX
+    ) -> ca.MX:
         moves = np.array(self.moves, dtype=float)
         fixed = [each for each in _DIRECTIONS.T if not each[moves == 0].any()]
         away = [ca.MX(ca.DM(each / np.linalg.norm(each))) for each in fixed]
-        for limit in self.kept:
-            if not isinstance(limit.region, Box):
+        for region in self._given(numbers).regions:
+            if not isinstance(region, Box):
                 # Along the other axes the object stays where it is.
-                out = ca.DM(moves) * _outward(limit.region, place)
+                out = ca.DM(moves) * _outward(region, place)
                 away.append(out / ca.fmax(ca.norm_2(out), _ROUNDING))
         directions = ca.horzcat(*away)
-        given = [ca.repmat(part, 1, len(away)) for part in (place, back, within, behind)]
+        parts = (place, back, within, behind, numbers)
+        given = [ca.repmat(part, 1, len(away)) for part in parts]
         lengths = self._length.map(len(away))(directions, *given)[0]
         direction, length = _shortest(len(away))(directions, lengths)
-        parts = self._length(direction, place, back, within, behind)[1]
+        parts = self._length(direction, *parts)[1]
         exists = length < _FAR / 2
         return ca.vertcat(exists * ca.vertcat(direction, length), 1 - exists, exists * parts)
 
     @cached_property
     def _length(self) -> ca.Function:
-        """``(direction (3,), place, *_where) -> (length, length in each region (k,))``.
+        """``(direction (3,), place, *_where, numbers) -> (length, length in each region (k,))``.
 
         The length is `_FAR` if the way does not count.
         """
         k = len(self.kept)
         d, place, back = (ca.SX.sym(name, 3) for name in ("d", "place", "back"))
         within, behind = ca.SX.sym("within", k), ca.SX.sym("behind", k)
+        numbers = ca.SX.sym("numbers", self.numbers.size)
+        own = self._given(numbers)
         still, length, parts = ca.SX(3, 1), ca.SX(0), []
-        for number, limit in enumerate(self.kept):
-            part = within[number] * _ends(limit.region, place, d, still, 0)[1]
-            passed = behind[number] * _ends(limit.region, place, d, back, _CLEAR)[1]
+        for number, region in enumerate(own.regions):
+            part = within[number] * _ends(region, place, d, still, 0)[1]
+            passed = behind[number] * _ends(region, place, d, back, _CLEAR)[1]
             length = ca.fmax(length, ca.fmax(part, passed))
             parts.append(part)
-        end, room = place + length * d, ca.DM(self.room)
+        end = place + length * d
         counts = length < _FAR / 2
         for low, high in (
-            (ca.fmin(ca.DM(self.lower) + room, place), end),
-            (end, ca.fmax(ca.DM(self.upper) - room, place)),
+            (ca.fmin(own.lower + own.room, place), end),
+            (end, ca.fmax(own.upper - own.room, place)),
         ):
             counts = ca.logic_and(counts, ca.mmin(high - low) >= -_ROUNDING)
-        for number, limit in enumerate(self.kept):
-            enter, leave = _ends(limit.region, place, d, still, -self._allowed(limit))
+        for number, region in enumerate(own.regions):
+            enter, leave = _ends(region, place, d, still, -own.allowed[number])
             enters = ca.logic_and(
-                enter < ca.fmin(leave, length + max(self.room)), leave > _ROUNDING
+                enter < ca.fmin(leave, length + ca.mmax(own.room)), leave > _ROUNDING
             )
             enters = ca.logic_and(enters, ca.logic_not(within[number]))
-            blocked = self._depth(limit, end, back, 0) > _ROUNDING
+            blocked = _depth(region, end, back, 0) > _ROUNDING
             counts = ca.logic_and(counts, ca.logic_not(ca.logic_or(enters, blocked)))
         outputs = dense([ca.if_else(counts, length, _FAR), ca.vertcat(*parts)])
-        return ca.Function("length", [d, place, back, within, behind], ca.cse(outputs))
+        inputs = [d, place, back, within, behind, numbers]
+        return ca.Function("length", inputs, ca.cse(outputs))
 
-    @staticmethod
-    def _depth(limit: KeepOut, place: ca.SX, back: ca.SX, grown: float) -> ca.SX:
-        """Return how deep a place is in a region that is drawn along ``-back`` and grown [m]."""
-        match limit.region:
-            case HalfSpace(normal, offset):
-                drawn = ca.sum1(ca.fmax(0, -ca.DM(normal) * back))
-                return offset + drawn + grown - ca.dot(ca.DM(normal), place)
-            case Ball(radius=radius):
-                return radius + grown - ca.norm_2(place - _centre(limit.region, place, back))
-            case region:
-                low, high = _corners(region, back, grown)
-                return ca.mmin(ca.fmin(place - low, high - place))
+
+def _depth(region: Any, place: ca.SX, back: ca.SX, grown: float) -> ca.SX:
+    """Return how deep a place is in a region that is drawn along ``-back`` and grown [m]."""
+    match region:
+        case HalfSpace(normal, offset):
+            drawn = ca.sum1(ca.fmax(0, -normal * back))
+            return offset + drawn + grown - ca.dot(normal, place)
+        case Ball(radius=radius):
+            return radius + grown - ca.norm_2(place - _centre(region, place, back))
+    low, high = _corners(region, back, grown)
+    return ca.mmin(ca.fmin(place - low, high - place))
 
 
 def _can_be_left(limit: Any, moves: np.ndarray) -> bool:
@@ -508,21 +576,21 @@ def _can_be_left(limit: Any, moves: np.ndarray) -> bool:
 def _outward(region: Any, place: ca.MX) -> ca.MX:
     """Return a way (3,) from a place to the nearest end of a half-space or a ball."""
     if isinstance(region, HalfSpace):
-        return ca.MX(ca.DM(region.normal))
-    return place - ca.DM(region.centre)
+        return region.normal
+    return place - region.centre
 
 
 def _corners(region: Any, back: ca.SX, grown: float) -> tuple[ca.SX, ca.SX]:
     """Return the corners of a box that is drawn along ``-back`` and grown."""
     return (
-        ca.DM(region.lower) - ca.fmax(back, 0) - grown,
-        ca.DM(region.upper) - ca.fmin(back, 0) + grown,
+        region.lower - ca.fmax(back, 0) - grown,
+        region.upper - ca.fmin(back, 0) + grown,
     )
 
 
 def _centre(region: Any, place: ca.SX, back: ca.SX) -> ca.SX:
     """Return the centre that is nearest to a place, of a ball that is drawn along ``-back``."""
-    centre = ca.DM(region.centre)
+    centre = region.centre
     return ca.fmin(ca.fmax(place, centre - ca.fmax(back, 0)), centre - ca.fmin(back, 0))
 
 
@@ -534,9 +602,9 @@ def _ends(region: Any, place: ca.SX, d: ca.SX, back: ca.SX, grown: float) -> tup
     """
     match region:
         case HalfSpace(normal, offset):
-            rate = ca.dot(ca.DM(normal), d)
-            offset = offset + ca.sum1(ca.fmax(0, -ca.DM(normal) * back)) + grown
-            depth = offset - ca.dot(ca.DM(normal), place)
+            rate = ca.dot(normal, d)
+            offset = offset + ca.sum1(ca.fmax(0, -normal * back)) + grown
+            depth = offset - ca.dot(normal, place)
             end = depth / ca.if_else(ca.fabs(rate) > _ROUNDING, rate, _ROUNDING)
             beyond = ca.if_else(depth > 0, _FAR, -_FAR)
             leave = ca.if_else(rate > _ROUNDING, end, ca.if_else(rate < -_ROUNDING, _FAR, beyond))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Annotated, Any, Final, Protocol
@@ -15,6 +16,20 @@ from ergoqp.errors import InputError, ProblemError
 
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars to compile or vectors to interpret."""
+
+
+def with_symbols(term: Any, given: Any) -> Any:
+    """Return a term whose attributes of `constants` are those of `given`, such as symbols.
+
+    Where one of its `directions` has a zero, the symbol is zero too.
+    """
+    found = copy(term)
+    for name, value in term.constants().items():
+        symbol = getattr(given, name)
+        if name in getattr(term, "directions", ()):
+            symbol = symbol * ca.DM((value != 0).astype(float))
+        object.__setattr__(found, name, symbol)
+    return found
 
 
 @dataclass(frozen=True)

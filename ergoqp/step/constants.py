@@ -19,7 +19,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.responses import IkResponse
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.frames_check import bounds
-from ergoqp.step.layout import AT_ALL
+from ergoqp.step.layout import AT_ALL, History
 from ergoqp.step.rest import HESITATES, HUNTING
 from ergoqp.step.rows import limit_values
 
@@ -51,7 +51,10 @@ def constants_of(problem: Problem) -> dict[str, np.ndarray]:
         "robot": _of_robot(problem),
         "task": _of_task(problem),
         "rows": _of_rows(problem),
+        "history": History(problem).constants(),
     }
+    if problem.way_out is not None:
+        parts["regions"] = {"way_out": problem.way_out.numbers}
     if shares(problem.response):
         parts["response"] = problem.response.constants()
     if shares(problem.cost):

@@ -59,6 +59,7 @@ def weights_function(model: StepModel) -> ca.Function:
         remaining = remaining_seconds(
             ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag
         )
+        remaining *= sx["history_sent"] if history.sent > 1 else 1
     parked = idle >= stop.parked
     outputs = [own, of_plan, now, remaining, dt, dt_ok, (ages + dt)[: history.ages - 1], idle + dt]
     outputs += [_holds_all(model, sx, dt), parked]
@@ -106,17 +107,14 @@ def _segments(ages: ca.SX, W: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _holds_all(model: StepModel, sx: Signals, dt: ca.SX) -> ca.SX:
-    history, problem, ages = model.history, model.problem, sx["ages"]
-    needed = [
-        (history.planned - 3, problem.average, "stop_average"),
-        (history.sent - 2, problem.robot.dead_time, "robot_dead_time"),
-    ]
-    # A mean over a history that was too short a period ago has its jerk in this period.
-    found = ages[history.planned - 2] >= sx["stop_average"] if problem.average else ca.SX(1)
-    for last, declared, name in needed:
-        if declared:
-            seconds = sx[name]
-            found = ca.logic_and(found, ages[last] + dt >= seconds)
+    """Return whether the entries that count are older than what they have to cover."""
+    found, ages, ends = ca.SX(1), sx["ages"], sx["history_ends"]
+    if model.problem.average:
+        # A mean over a history that was too short a period ago has its jerk in this period.
+        now, last = ends[0, :] @ ages, ends[1, :] @ ages + dt
+        found = ca.logic_and(now >= sx["stop_average"], last >= sx["stop_average"])
+    if model.problem.robot.dead_time:
+        found = ca.logic_and(found, ends[2, :] @ ages + dt >= sx["robot_dead_time"])
     return found
 
 
@@ -202,7 +200,7 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], mx: Signals) -> dict
             optional["turn"] += ca.norm_2(tail[3:, 0] + tail[3:, 1])
         total = total + owed
         pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
-    slowest, fastest = _extremes(part["sent"])
+    slowest, fastest = _extremes(part["sent"], mx["history_sent"])
     if lag:
         optional["swift"] = ca.horzcat(fastest, -slowest) + part["tail"] / mx["robot_lag"]
         fastest = ca.fmax(fastest, part["swift"][:, 0])
@@ -226,13 +224,16 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], mx: Signals) -> dict
     }
 
 
-def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Return the smallest and the largest entry of each row, zero included."""
-    given = ca.SX.sym("twists", *twists.shape)
+def _extremes(twists: ca.MX, counted: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Return the smallest and the largest entry of each row that count, zero included."""
+    given, weights = ca.SX.sym("twists", *twists.shape), ca.SX.sym("counted", counted.shape[0])
     low = high = ca.SX(twists.shape[0], 1)
-    for twist in ca.horzsplit(given):
-        low, high = ca.fmin(low, twist), ca.fmax(high, twist)
-    low, high = ca.Function("extremes", [given], dense([low, high])).call([twists])
+    several = twists.shape[1] > 1
+    for number, twist in enumerate(ca.horzsplit(given)):
+        counts = weights[number] * twist if several else twist
+        low, high = ca.fmin(low, counts), ca.fmax(high, counts)
+    function = ca.Function("extremes", [given, weights], dense([low, high]))
+    low, high = function.call([twists, counted])
     return low, high
 
 
@@ -255,7 +256,8 @@ def next_history(
         still: 1 if both are zero.
     """
     kept, declared = model.history, model.problem.robot
-    robot = model.robot(model.numbers(found))
+    numbers = model.numbers(found)
+    robot = model.robot(numbers)
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
     after += [found["period"], *([found["aged"]] if kept.ages > 1 else [])]
@@ -264,10 +266,12 @@ def next_history(
         dt, lag = found["period"], robot.lag
         # The oldest twist leaves the history; what is still to come of it goes on decaying.
         part = split(kept.sizes, history)
-        gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
-        seconds = remaining_seconds(
-            ends[kept.sent - 1] + dt, ends[kept.sent] + dt, robot.dead_time, lag
-        )
+        gone, ends = part["sent"], ca.vertcat(0, part["ages"])
+        younger, older = ends[: kept.sent], ends[1 : kept.sent + 1]
+        if kept.sent > 1:
+            oldest = numbers["history_oldest"]
+            gone, younger, older = gone @ oldest, oldest.T @ younger, oldest.T @ older
+        seconds = remaining_seconds(younger + dt, older + dt, robot.dead_time, lag)
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
         after.append(ca.vec(found["swift"]))
@@ -380,7 +384,8 @@ def _counted(
         parts += [stray, raised]
     if declared.longest_hold:
         hold = robot.longest_hold * (1 + robot.gain_error)
-        held, turned = hold * _most(toward), hold * _most(angles)
+        counted = _counting(model, mx)
+        held, turned = hold * _most(toward, counted), hold * _most(angles, counted)
         if "clung" in found:
             clung = (1 + robot.gain_error) * found["clung"]
             held = ca.fmax(held, _along(rows, clung))
@@ -428,10 +433,17 @@ def _along(rows: ca.MX, ways: ca.MX) -> ca.MX:
     )
 
 
-def _most(values: ca.MX) -> ca.MX:
-    """Return the largest positive entry of each row, or 0."""
+def _counting(model: StepModel, mx: Signals) -> ca.MX:
+    """Return which pieces of the motion under way count (k,)."""
+    parts = ["history_planned"] if model.problem.average else []
+    parts += ["history_sent"] if model.problem.robot.owes else []
+    return ca.vertcat(ca.MX(0, 1), *(mx[name] for name in parts))
+
+
+def _most(values: ca.MX, counted: ca.MX) -> ca.MX:
+    """Return the largest positive entry of each row that counts, or 0."""
     most = ca.MX(ca.DM.zeros(values.shape[0]))
-    for column in ca.horzsplit(values):
+    for column in ca.horzsplit(values * ca.repmat(counted.T, values.shape[0], 1)):
         most = ca.fmax(most, column)
     return most
 

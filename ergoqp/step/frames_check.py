@@ -136,9 +136,9 @@ def frames_sentence(problem: Problem, parts: np.ndarray) -> str:
 def _difference(pose: ca.MX, contact: ca.MX, offset: ca.MX) -> ca.MX:
     """Return how far a measured pose is from that by posture (6,), less what is calibrated.
 
-    The first three entries are a distance [m]. The last three entries are the difference of the axes of the tool, of length 2 sin(angle / 2).
-    The turn about the axis does not count: most grasps leave it free, and the wrist's errors add up
-    in it.
+    The first three entries are a distance [m]. The last three are the difference of the axes of the
+    tool, of length 2 sin(angle / 2). The turn about the axis does not count: most grasps leave it
+    free, and the wrist's errors add up in it.
     """
     sx = {"pose": ca.SX.sym("pose", 4, 4), "contact": ca.SX.sym("contact", 4, 4)}
     sx["offset"] = ca.SX.sym("offset", 3)

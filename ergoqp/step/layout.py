@@ -73,29 +73,48 @@ at 100 Hz.
 """
 
 
-def _entries(seconds: float, dt: float) -> int:
-    """Return the number of entries of a history of some seconds at a period [s]."""
-    if not seconds:
-        return 1
-    needed, entries = int(np.ceil(_SPARE * seconds / dt)) + 2, _FEWEST
-    while entries < needed:
-        entries *= 2
-    return entries
-
-
 class History:
     """How much of the past the step keeps.
 
+    Of both kinds of twists it keeps a number of entries that is rounded up, newest first. Only the
+    first ones count; how many is a number of the problem.
+
     Attributes:
-        planned: number of planned twists, newest first.
-        sent: number of sent twists, newest first.
+        planned: number of planned twists.
+        sent: number of sent twists.
+        planned_counted: number of planned twists that count.
+        sent_counted: number of sent twists that count.
     """
 
     def __init__(self, problem: Problem) -> None:
         """Take what the mean and the declared robot of a problem need."""
+
+        def periods(seconds: float) -> int:
+            return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
+
         self._robot = problem.robot
-        self.planned = _entries(problem.average, problem.dt)
-        self.sent = _entries(problem.robot.dead_time, problem.dt)
+        self.planned_counted = 1 + periods(problem.average)
+        self.sent_counted = 1 + periods(problem.robot.dead_time)
+        self.planned, self.sent = _rounded(self.planned_counted), _rounded(self.sent_counted)
+
+    def constants(self) -> dict[str, np.ndarray]:
+        """Return which of the entries count, by name; no entry where there is only one.
+
+        ``planned`` and ``sent`` are 1 for those that count. ``oldest`` is 1 for the last of the
+        sent ones that does. The rows of ``ends`` choose, of the ages of the ends of periods (3, n):
+        those that must not be younger than the mean, now and in a period, and than the dead time.
+        """
+        found = {
+            "planned": (np.arange(self.planned) < self.planned_counted).astype(float),
+            "sent": (np.arange(self.sent) < self.sent_counted).astype(float),
+            "oldest": (np.arange(self.sent) == self.sent_counted - 1).astype(float),
+        }
+        ends = np.zeros((3, self.ages))
+        if self.planned > 1:
+            ends[0, self.planned_counted - 2] = ends[1, self.planned_counted - 3] = 1.0
+        if self.sent > 1:
+            ends[2, self.sent_counted - 2] = 1.0
+        return found | {"ends": ends}
 
     @property
     def ages(self) -> int:
@@ -113,6 +132,14 @@ class History:
             sizes |= {"tail": (6, 2), "swift": (6, 2)}
             sizes |= {"clung": (6, 2)} if robot.longest_hold else {}
         return sizes | ({"owed": (6, 1)} if robot.owes else {})
+
+
+def _rounded(counted: int) -> int:
+    """Return the number of entries of a history of which so many count."""
+    entries = 1 if counted == 1 else _FEWEST
+    while entries < counted:
+        entries *= 2
+    return entries
 
 
 def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray]:

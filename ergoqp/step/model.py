@@ -8,7 +8,6 @@ terms are expressions, in which nothing can be raised. But an expression may cal
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import takewhile
@@ -21,7 +20,7 @@ from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
 from ergoqp.expressions import Evaluator, slices, written_out
 from ergoqp.limits import Limit, LimitContext
-from ergoqp.limits.limit import Expression
+from ergoqp.limits.limit import Expression, with_symbols
 from ergoqp.limits.twist_and_stopping import Braking, Stop
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import SOLVER, interrupted
@@ -210,14 +209,6 @@ class _Part:
         return self._signals[f"{self._name}_{name}"]
 
 
-def with_symbols(term: Any, signals: Mapping[str, Any], prefix: str) -> Any:
-    """Return a term in which the symbols of its `constants` take the place of these attributes."""
-    found = copy(term)
-    for name in term.constants():
-        object.__setattr__(found, name, signals[f"{prefix}_{name}"])
-    return found
-
-
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 """Landing pose, and the data at the start of the present period."""
 
@@ -317,7 +308,7 @@ class StepModel:
     def sizes(self) -> Sizes:
         """Shape of everything that the functions of the step exchange; scalars are left out."""
         n, rows = len(self.problem.coordinates), len(self.problem.row_names)
-        response = self.problem.response.sensitivity()
+        sensitivity = self._functions[0]
         sizes: dict[str, tuple[int, int]] = {**self.state, "state": (count(self.state), 1)}
         sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
         sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
@@ -327,8 +318,11 @@ class StepModel:
         sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
         sizes |= dict.fromkeys(("now", "ahead", "outside", "doubted"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
-        sizes |= {"S": response.size_out(0), "E": response.size_out(1)}
-        sizes |= {"readings": (self.readings.numel_out(0), 1), "way": (self.under_way.size, 1)}
+        sizes |= {"S": sensitivity.size_out(0), "E": sensitivity.size_out(1)}
+        read = sum(measure.numel_out(0) for _, measure in self.measures)
+        way_out = self.problem.way_out
+        read += 0 if way_out is None else way_out.size
+        sizes |= {"readings": (read, 1), "way": (self.under_way.size, 1)}
         sizes |= {"ages": (self.history.ages, 1), "pending": (6, 1)}
         sizes |= {"apart": (6, 1), "explained": (2, 1)}
         sizes |= {"H": (6, 6), "g": (6, 1), "way_out": (4, 1)}
@@ -398,10 +392,10 @@ class StepModel:
     @cached_property
     def pattern(self) -> ca.SX:
         """S at a symbolic posture. It shows which entries are always zero."""
-        function = self._functions[0]
-        return function.call(
-            [ca.SX.sym("i", *function.size_in(i)) for i in range(function.n_in())], True
-        )[0]
+        response = self.problem.response
+        function = response.shared()[0] if shares(response) else response.sensitivity()
+        symbols = [ca.SX.sym("i", *function.size_in(i)) for i in range(function.n_in())]
+        return function.call(symbols, True)[0]
 
     @cached_property
     def moved(self) -> list[int]:
@@ -460,15 +454,14 @@ class StepModel:
         They are computed once per step, at the measured posture. The way out of regions comes last,
         from the present pose.
         """
-        posture, pose = ca.MX.sym("posture", len(self.problem.coordinates)), ca.MX.sym("pose", 4, 4)
-        measured = [measure(posture) for _, measure in self.measures]
+        mx = self.symbols(("posture", "pose"), ca.MX)
+        measured = [measure(mx["posture"]) for _, measure in self.measures]
         if self.problem.way_out is not None:
-            measured.append(self.problem.way_out.function(pose))
+            measured.append(self.problem.way_out.function(mx["pose"], mx["regions_way_out"]))
         readings = ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)
         if self.spare:
             readings = ca.MX(ca.DM.nan(*readings.shape))
-        names = ["posture", "pose"]
-        return ca.Function("readings", [posture, pose], [readings], names, ["readings"])
+        return mx.function("readings", {"readings": readings})
 
     def way_out(self, readings: Expression) -> Expression | None:
         """Return the entries of the readings that `ergoqp.limits.keep_out` gives, or None."""
@@ -549,11 +542,11 @@ class StepModel:
             found |= known
         return found
 
-    def surface(self, signals: Mapping[str, Any]) -> Any:
+    def surface(self, signals: Signals) -> Any:
         """Return the surface that the state stays on, with the symbols of its numbers; or None."""
         surface = self.problem.surface
         prefix = prefix_of(self.problem, surface) if self.shared else ""
-        return with_symbols(surface, signals, prefix) if prefix else surface
+        return with_symbols(surface, signals.of(prefix)) if prefix else surface
 
     def by_limit(self, readings: Expression) -> dict[str, Expression]:
         """Return the readings of each limit, by the name of its first row."""

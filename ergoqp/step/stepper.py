@@ -311,8 +311,9 @@ class Stepper:
     @property
     def still(self) -> bool:
         """Whether the object is at rest: no twist was planned or sent that still moves it."""
-        state, at = self._ready[1], self._parts
-        return not (state[at["planned"]].any() or state[at["sent"]].any())
+        state, at, history = self._ready[1], self._parts, self._model.history
+        planned, sent = 6 * history.planned_counted, 6 * history.sent_counted
+        return not (state[at["planned"]][:planned].any() or state[at["sent"]][:sent].any())
 
     @property
     def evaluator(self) -> Evaluator:

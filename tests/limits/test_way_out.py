@@ -165,7 +165,7 @@ def test_a_place_within_the_tolerance_of_the_workspace_is_inside(
     exact = scene([EDGE], box).way_out
     assert exact is not None
     np.testing.assert_allclose(np.subtract(problem.way_out.room, exact.room), noise, atol=1e-12)
-    back, _, behind = problem.way_out._where(pose[:3, 3])
+    back, _, behind = problem.way_out._where(pose[:3, 3], problem.way_out.numbers)
     assert bool(np.array(back).any()) == bool(np.array(behind).any()) == needed
     assert (Ways(problem).length(pose[:3, 3]) > 0) == needed
 
@@ -175,7 +175,7 @@ def lengths(problem: Problem, place: Any) -> tuple[float, float]:
     assert problem.way_out is not None
     pose = np.eye(4)
     pose[:3, 3] = place
-    told = np.array(problem.way_out.function(pose)).ravel()
+    told = np.array(problem.way_out.function(pose, problem.way_out.numbers)).ravel()
     return np.inf if told[4] else told[3], Ways(problem).length(pose[:3, 3])
 
 
