@@ -117,22 +117,33 @@ def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return (cofactors.T @ right) / ca.dot(a, cofactors[:, 0])
 
 
-def spd_inverse(matrix: ca.SX) -> ca.SX:
-    """Return the inverse of a symmetric positive definite matrix by Cholesky.
+def ldl(matrix: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the unit lower factor L and 1/D (n,) of a symmetric matrix L D L'.
 
-    Only the lower triangle of the matrix is used.
+    Only the lower triangle of the matrix is used. It is positive definite if all 1/D are finite and
+    above zero.
     """
     n = matrix.shape[0]
-    root, inverse = ca.SX(n, n), ca.SX(n, n)
+    unit, scaled, inverse = ca.SX.eye(n), ca.SX(n, n), ca.SX(n, 1)
     for j in range(n):
-        root[j, j] = ca.sqrt(matrix[j, j] - ca.sumsqr(root[j, :j]))
-        for i in range(j + 1, n):
-            root[i, j] = (matrix[i, j] - root[i, :j] @ root[j, :j].T) / root[j, j]
-    for j in range(n):
-        inverse[j, j] = 1 / root[j, j]
-        for i in range(j + 1, n):
-            inverse[i, j] = -(root[i, j:i] @ inverse[j:i, j]) / root[i, i]
-    return inverse.T @ inverse
+        for i in range(j, n):
+            scaled[i, j] = matrix[i, j] - scaled[i, :j] @ unit[j, :j].T
+        inverse[j] = 1 / scaled[j, j]
+        unit[j + 1 :, j] = scaled[j + 1 :, j] * inverse[j]
+    return unit, inverse
+
+
+def ldl_solve(factors: tuple[ca.SX, ca.SX], right: ca.SX) -> ca.SX:
+    """Return the solution (n, k) of a system, from `ldl` of its matrix."""
+    unit, inverse = factors
+    n, found = unit.shape[0], ca.SX(right)
+    for i in range(1, n):
+        found[i, :] -= unit[i, :i] @ found[:i, :]
+    for i in reversed(range(n)):
+        found[i, :] *= inverse[i]
+        if i + 1 < n:
+            found[i, :] -= unit[i + 1 :, i].T @ found[i + 1 :, :]
+    return found
 
 
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:

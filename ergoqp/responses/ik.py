@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions import pose_matrix, spd_inverse
+from ergoqp.expressions import ldl, ldl_solve, pose_matrix
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
@@ -115,9 +115,9 @@ def sensitivity_function(
     """
     q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
     K, pull, softness, wanted, legs, swing = geometry(q, locked)
-    M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
-    inverse = ca.Function("inverse", [M], [spd_inverse(M)])
-    multipliers = inverse(K.T @ pull + softness) @ wanted
+    M, right = ca.SX.sym("M", *softness.shape), ca.SX.sym("right", *wanted.shape)
+    solve = ca.Function("solve", [M, right], [ca.densify(ldl_solve(ldl(M), right))])
+    multipliers = solve(K.T @ pull + softness, wanted)
     rates = pull @ multipliers
     swung = ca.vec(swing @ rates[4:7, :]) if hanging else ca.MX(0, 1)
     moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), swung, 0)
@@ -155,9 +155,9 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
         seen = Gaze(ca.SX(0, 1), ca.SX(0, len(chain)), ca.SX(0, 3))
     K, softness, wanted, kept = _rows(person, chain, stance, hands, position, rotation[:, 0], seen)
     free = (1 - locked[chain]) / weights[chain]
-    pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
-    pull = ca.diagcat(pelvis, ca.diag(free)) @ K.T
-    inverse_M = spd_inverse(K @ pull + softness)
+    by_pelvis = ldl_solve(stance.weight, K[:, :4].T) if stance.moves else ca.SX(4, K.shape[0])
+    pull = ca.vertcat(by_pelvis, ca.diag(free) @ K[:, 4:].T)
+    factors = ldl(K @ pull + softness)
     swing, fall = _swing(person, q)
     side = len(hands)
 
@@ -172,7 +172,7 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
 
     own = ca.vertcat(stance.relax, wish[chain])
     asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / person.relaxation_time)
-    relax = in_joints(own + pull @ (inverse_M @ (asked - K @ own)))
+    relax = in_joints(own + pull @ ldl_solve(factors, asked - K @ own))
     if person.hanging is not None:
         relax[arm_of(person.hanging)] += fall * (1 - locked[arm_of(person.hanging)])
 
@@ -180,7 +180,7 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
     to_hands = ca.diagcat(*[stance.yaw.T] * (2 * side)) @ error
     work = sum((to_hands[6 * i : 6 * i + 3] for i in range(side)), ca.SX(3, 1)) / side
     asked = ca.vertcat(kept @ to_hands, -seen.by_work @ work)
-    reach = in_joints(pull @ (inverse_M @ asked))
+    reach = in_joints(pull @ ldl_solve(factors, asked))
 
     parts = {
         "K": K.T,

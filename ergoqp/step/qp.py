@@ -76,7 +76,7 @@ def build_qp(
 def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
     H, g, A, lbA, ubA, _, _, lb, ub = inputs
     x, rows, box = solver.function(6, m)(H, g, A, lbA, ubA, lb, ub)
-    residual = written_out(shape(_residual(6, m)), H, g, A, lbA, ubA, lb, ub, x, rows, box)[0]
+    residual = written_out(shape(_judge(m, relaxed=False)), *inputs, x, rows, box)[0]
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
@@ -84,10 +84,9 @@ def _relaxed(
     solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
 ) -> ca.Function:
     _, _, A, _, _, side, cap, _, _ = inputs
-    loose, n = ca.if_else(cap > 0, 1.0, 0.0), 6 + m
-    data = _with_slack(m, inputs, loose)
-    x, rows, box = solver.function(n, m)(*data)
-    residual = written_out(shape(_residual(n, m)), *data, x, rows, box)[0]
+    loose = ca.if_else(cap > 0, 1.0, 0.0)
+    x, rows, box = solver.function(6 + m, m)(*_with_slack(m, inputs, loose))
+    residual = written_out(shape(_judge(m, relaxed=True)), *inputs, x, rows, box)[0]
     xi, slack = x[:6], loose * x[6:]
     if exact:
         used = ca.fmax(0, slack[exact] - (cap[exact] - ELBOW)) * loose[exact]
@@ -125,24 +124,32 @@ def _qp_inputs(m: int) -> list[ca.MX]:
     return [ca.MX.sym(name, *shape) for name, shape in zip(QP_DATA, shapes, strict=True)]
 
 
-def _residual(n: int, m: int) -> ca.Function:
-    """Return the function for the largest of primal residual, dual residual and gap.
+def _judge(m: int, relaxed: bool) -> ca.Function:
+    """``(*QP_DATA, x, rows, box) -> residual`` of an answer, over twist and slack if `relaxed`.
 
-    It includes multipliers of the wrong sign or of absent bounds.
+    It is the largest of primal residual, dual residual and gap. It includes multipliers of the
+    wrong sign or of absent bounds.
 
     The residuals are those of qpbenchmark, but the gap is written as complementarity: the sum of
     multiplier times distance to its bound. This is the same number if the dual residual is zero,
     and a multiplier of an absent bound is not lost in it. Dual quantities are relative to the size
     of the objective.
     """
-    names = ("H", "g", "A", "lbA", "ubA", "lb", "ub", "x", "rows", "box")
-    shapes = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1), (n, 1), (m, 1), (n, 1))
-    inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
-    H, g, A, lbA, ubA, lb, ub, x, rows, box = inputs
-    value = A @ x
+    n, inputs = 6 + m * relaxed, _qp_inputs(m)
+    H, g, A, lbA, ubA, side, cap, lb, ub = inputs
+    answer = [ca.MX.sym("x", n), ca.MX.sym("rows", m), ca.MX.sym("box", n)]
+    x, rows, box = answer
+    value, stationary = A @ x[:6], H @ x[:6] + g + (rows.T @ A).T + box[:6]
+    if relaxed:
+        # What `_with_slack` adds, without its matrices, which are almost empty.
+        loose, slack = ca.if_else(cap > 0, 1.0, 0.0), x[6:]
+        own, price = side * loose, PENALTY * loose
+        value -= own * slack
+        stationary = ca.vertcat(stationary, slack + price - own * rows + box[6:])
+        g = ca.vertcat(g, price)
+        lb, ub = ca.vertcat(lb, ca.MX.zeros(m)), ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0))
     below, above = ca.vertcat(value - lbA, x - lb), ca.vertcat(ubA - value, ub - x)
     primal = -ca.fmin(ca.mmin(below), ca.mmin(above))
-    stationary = H @ x + g + (rows.T @ A).T + box
     dual = ca.mmax(ca.fabs(stationary))
     multiplier = ca.vertcat(rows, box)
     up, down = ca.fmax(multiplier, 0), ca.fmax(-multiplier, 0)
@@ -153,7 +160,7 @@ def _residual(n: int, m: int) -> ca.Function:
     # fmax and mmax drop NaN. A sum of squares keeps it, and the comparison with infinity fails.
     everything = ca.sumsqr(stationary) + ca.sumsqr(below) + ca.sumsqr(above)
     sound = ca.logic_and(ca.sumsqr(x) < FREE, everything <= ca.inf)
-    return ca.Function("residual", inputs, [ca.if_else(sound, residual, FREE)])
+    return ca.Function("judge", [*inputs, *answer], [ca.if_else(sound, residual, FREE)])
 
 
 QP_DATA: Final = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
