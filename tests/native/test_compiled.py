@@ -226,3 +226,24 @@ def test_code_that_a_full_disk_cut_off_is_not_compiled():
             generated(function, "f")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("flags\t\t: fpu avx2 bmi1 bmi2 fma sse\n", ("-mavx2", "-mbmi", "-mbmi2", "-mfma")),
+        ("flags\t\t: fpu avx2 bmi1 bmi2 sse\n", ()),
+        ("Features\t: fp asimd\n", ()),
+        (None, ()),
+    ],
+)
+def test_the_flags_are_those_of_the_processor(monkeypatch, text, expected):
+    def read(path, **_):
+        if text is None:
+            raise FileNotFoundError
+        return text
+
+    compiled.processor_flags.cache_clear()
+    monkeypatch.setattr(Path, "read_text", read)
+    assert compiled.processor_flags() == expected
+    compiled.processor_flags.cache_clear()
