@@ -117,6 +117,24 @@ def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return (cofactors.T @ right) / ca.dot(a, cofactors[:, 0])
 
 
+def spd_inverse(matrix: ca.SX) -> ca.SX:
+    """Return the inverse of a symmetric positive definite matrix by Cholesky.
+
+    Only the lower triangle of the matrix is used.
+    """
+    n = matrix.shape[0]
+    root, inverse = ca.SX(n, n), ca.SX(n, n)
+    for j in range(n):
+        root[j, j] = ca.sqrt(matrix[j, j] - ca.sumsqr(root[j, :j]))
+        for i in range(j + 1, n):
+            root[i, j] = (matrix[i, j] - root[i, :j] @ root[j, :j].T) / root[j, j]
+    for j in range(n):
+        inverse[j, j] = 1 / root[j, j]
+        for i in range(j + 1, n):
+            inverse[i, j] = -(root[i, j:i] @ inverse[j:i, j]) / root[i, i]
+    return inverse.T @ inverse
+
+
 def ldl(matrix: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the unit lower factor L and 1/D (n,) of a symmetric matrix L D L'.
 

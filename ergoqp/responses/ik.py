@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions import ldl, ldl_solve, pose_matrix
+from ergoqp.expressions import ldl, ldl_solve, pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
@@ -155,8 +155,8 @@ def functions_of(person: IkResponse) -> tuple[ca.Function, ...]:
         seen = Gaze(ca.SX(0, 1), ca.SX(0, len(chain)), ca.SX(0, 3))
     K, softness, wanted, kept = _rows(person, chain, stance, hands, position, rotation[:, 0], seen)
     free = (1 - locked[chain]) / weights[chain]
-    by_pelvis = ldl_solve(stance.weight, K[:, :4].T) if stance.moves else ca.SX(4, K.shape[0])
-    pull = ca.vertcat(by_pelvis, ca.diag(free) @ K[:, 4:].T)
+    pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
+    pull = ca.diagcat(pelvis, ca.diag(free)) @ K.T
     factors = ldl(K @ pull + softness)
     swing, fall = _swing(person, q)
     side = len(hands)

@@ -32,7 +32,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions import ldl, ldl_solve, solve3
+from ergoqp.expressions import solve3, spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.body import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES, UPPER_BODY
@@ -63,8 +63,8 @@ class Stance:
         moves: whether the pelvis moves (standing).
         yaw: rotation of the pelvis in the world (3, 3), about z.
         position: pelvis in the world (3,) [m].
-        weight: factors (`ergoqp.expressions.ldl`) of the cost (4, 4) of moving the pelvis by x, y,
-            z, yaw: that of the leg joints that must follow.
+        weight: (4, 4) cost of moving the pelvis by x, y, z, yaw: the cost of the leg joints that
+            must follow.
         legs: (32, 4) leg joint rates per pelvis rate.
         relax: (4,) pelvis rates that are best for the desired rates of the legs.
     """
@@ -72,7 +72,7 @@ class Stance:
     moves: bool
     yaw: ca.SX
     position: ca.SX
-    weight: tuple[ca.SX, ca.SX]
+    weight: ca.SX
     legs: ca.SX
     relax: ca.SX
 
@@ -80,9 +80,7 @@ class Stance:
 def seated(seat_height: float) -> Stance:
     """Return the stance of a person whose pelvis stays at `seat_height` [m] above the floor."""
     empty = ca.SX(len(JOINTS), 4)
-    return Stance(
-        False, ca.SX.eye(3), ca.SX([0, 0, seat_height]), ldl(ca.SX.eye(4)), empty, ca.SX(4, 1)
-    )
+    return Stance(False, ca.SX.eye(3), ca.SX([0, 0, seat_height]), ca.SX.eye(4), empty, ca.SX(4, 1))
 
 
 def standing(
@@ -133,8 +131,7 @@ def standing(
     cos_sin = heading / ca.sqrt(ca.sumsqr(heading) + 1e-12)
     yaw = ca.SX.eye(3)
     yaw[0, 0], yaw[0, 1], yaw[1, 0], yaw[1, 1] = cos_sin[0], cos_sin[1], -cos_sin[1], cos_sin[0]
-    factors = ldl(weight)
-    return Stance(True, yaw, -(yaw @ middle), factors, legs, ldl_solve(factors, pull))
+    return Stance(True, yaw, -(yaw @ middle), weight, legs, spd_inverse(weight) @ pull)
 
 
 def with_bent_knees(q: ca.SX) -> ca.SX:

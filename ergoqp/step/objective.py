@@ -42,6 +42,10 @@ _DENSE_LOOKS: Final = (0.3, 1.0)
 """The same for costs with large matrices, which do not change within a few centimetres."""
 
 
+_LOWER: Final = [max(i, j) + 6 * min(i, j) for j in range(6) for i in range(6)]
+"""For each entry of a symmetric matrix (6, 6), column by column, the one below the diagonal."""
+
+
 def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
     """``(posture, observed) -> (value, total, gradient)``: V, V with comfort, and its gradient.
 
@@ -132,12 +136,14 @@ def objective(
     weighted = S * ca.repmat(
         ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6
     )
-    # Products of a matrix with its own transpose: symmetric to the last bit.
+    # Products of a matrix with its own transpose are symmetric to the last bit: where every
+    # operation is written on its own, what stands above the diagonal need not be computed.
     H = (
         weighted.T @ weighted
         + control.contact * (E.T @ E)
         + (ahead**2 / 2 / excess) * (slope @ slope.T)
     )
+    H = ca.reshape(H[_LOWER], 6, 6)
     H += ca.diag(effort * (1 + hesitates**2 + smoothing))
     g = ahead * slope - smoothing * effort * signals["previous"]
     way, out = model.way_out(signals["readings"]), problem.way_out
