@@ -269,9 +269,11 @@ class StepModel:
         sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
         sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
         sizes |= dict.fromkeys(("executed", "previous", "sent", "begun", "xi", "wanted"), (6, 1))
-        sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed", "excess"), (6, 1))
+        sizes |= dict.fromkeys(
+            ("brake", "share", "went", "changed", "owed", "excess", "twist"), (6, 1)
+        )
         sizes |= {"next_rest": (STATES, 1), "astray": (ASTRAY, 1)}
-        sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
+        sizes |= dict.fromkeys(("up", "down", "slowest", "fastest", "twist"), (6, 1))
         sizes |= dict.fromkeys(("now", "ahead", "outside", "doubted"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
         sizes |= {"S": response.size_out(0), "E": response.size_out(1)}

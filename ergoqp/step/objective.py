@@ -106,23 +106,16 @@ def _comfort(problem: Problem) -> ca.DM:
     return ca.DM(problem.control.comfort * moved * problem.response.weight_vector)
 
 
-def objective(
-    model: StepModel, signals: Mapping[str, ca.MX], S: ca.MX, E: ca.MX
-) -> tuple[ca.MX, ca.MX]:
-    """Return the objective of the QP.
+def objective(model: StepModel, signals: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
+    """Return the objective of the QP: ``H`` (6, 6) and ``g`` (6,).
 
     Its terms are Gauss-Newton of V - V_min over the look-ahead, effort, smoothing, and the contact
     motion that the person cannot follow.
 
     Args:
         model: model of the step.
-        signals: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled`` and ``readings`` of this
-            step.
-        S: sensitivity (n, 6).
-        E: contact motion that the posture cannot follow (k, 6).
-
-    Returns:
-        (H, g) of the QP.
+        signals: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled``, ``readings``, ``S`` and
+            ``E`` of this step.
     """
     problem, control, moved = model.problem, model.problem.control, model.moved
     waits = max(_HESITATES * control.stall_after, 1e-6)
@@ -130,7 +123,7 @@ def objective(
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
     smoothing = control.smoothing / signals["dt"]
     ahead = control.look_ahead
-    S = S[moved, :]
+    S, E = signals["S"][moved, :], signals["E"]
     slope = S.T @ signals["gradient"][moved]
     excess = ca.fmax(signals["total"] - problem.cost.minimum, 0) + CAUTION_EPS
     weighted = S * ca.repmat(
@@ -148,9 +141,9 @@ def objective(
     g = ahead * slope - smoothing * effort * signals["previous"]
     way, out = model.way_out(signals["readings"]), problem.way_out
     if way is None or out is None:
-        return H, g
+        return {"H": H, "g": g}
     H, g = _led_function(problem, out)(H, g, way[:4], signals["previous"], signals["dt"])
-    return H, g
+    return {"H": H, "g": g}
 
 
 def _led_function(problem: Problem, out: WayOut) -> ca.Function:

@@ -39,7 +39,6 @@ TOLERANCE: Final = 1e-6
 def build_qp(
     solver: QpSolver,
     m: int,
-    shape: Shape = vectors,
     exact: Sequence[int] = (),
     if_needed: Callable[[ca.MX], ca.MX] = lambda needed: needed,
 ) -> ca.Function:
@@ -55,7 +54,6 @@ def build_qp(
     Args:
         solver: solver of the QP.
         m: number of rows.
-        shape: how the check of the answer is written, see `ergoqp.expressions`.
         exact: rows that must not use `ELBOW`: xi is moved back across them by at most this much.
         if_needed: gives the condition under which slack is solved for.
 
@@ -65,28 +63,26 @@ def build_qp(
         in the infinity norm.
     """
     inputs = _qp_inputs(m)
-    hard = _hard(solver, m, inputs, shape)
+    hard = _hard(solver, m, inputs)
     if m == 0:
         return hard
-    relaxed = _relaxed(solver, m, inputs, shape, list(exact))
+    relaxed = _relaxed(solver, m, inputs, list(exact))
     choose = ca.Function.if_else("relaxed_or_hard", relaxed, hard)
     return ca.Function("qp", inputs, list(choose(if_needed(ca.mmax(inputs[6]) > 0), *inputs)))
 
 
-def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
+def _hard(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
     H, g, A, lbA, ubA, _, _, lb, ub = inputs
     x, rows, box = solver.function(6, m)(H, g, A, lbA, ubA, lb, ub)
-    residual = written_out(shape(_judge(m, relaxed=False)), *inputs, x, rows, box)[0]
+    residual = written_out(_judge(m, relaxed=False), *inputs, x, rows, box)[0]
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
-def _relaxed(
-    solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
-) -> ca.Function:
+def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], exact: list[int]) -> ca.Function:
     _, _, A, _, _, side, cap, _, _ = inputs
     loose = ca.if_else(cap > 0, 1.0, 0.0)
     x, rows, box = solver.function(6 + m, m)(*_with_slack(m, inputs, loose))
-    residual = written_out(shape(_judge(m, relaxed=True)), *inputs, x, rows, box)[0]
+    residual = written_out(_judge(m, relaxed=True), *inputs, x, rows, box)[0]
     xi, slack = x[:6], loose * x[6:]
     if exact:
         used = ca.fmax(0, slack[exact] - (cap[exact] - ELBOW)) * loose[exact]
@@ -201,17 +197,18 @@ AWAY: Final = ("posture", "observed", "readings", "pose", "asks", "astray")
 """Arguments of `away_function`."""
 
 
-def pass_data(model: StepModel) -> ca.Function:
-    """Return the QP of one locking pass.
+def pass_data(model: StepModel, shape: Shape = vectors) -> ca.Function:
+    """Return the QP of one locking pass, its largest parts in the given shape.
 
     The function is ``(*PLACE, away, total, gradient, stalled, locked, final) -> (*QP_DATA, S, E,
     shift)``; `away` is that of `away_function`. Geometry is written as scalars. What is the same
-    for every row is written as vectors, which an interpreter runs many times faster.
+    for every row is written as vectors, which an interpreter runs many times faster, and which a
+    compiler turns into fewer instructions.
     """
     problem, kept = model.problem, model.movable
     names = (*PLACE, "away", "total", "gradient", "stalled", "locked", "final")
     mx = model.symbols(names, ca.MX)
-    S, E = written_out(model.response.sensitivity(), mx["posture"], mx["locked"])
+    S, E = written_out(shape(model.response.sensitivity()), mx["posture"], mx["locked"])
     function, follows = _terms(model)
     shift = S @ mx["way"][:6]
     terms = call_by_name(function, mx | {"shift": shift, "S": S})
@@ -221,7 +218,10 @@ def pass_data(model: StepModel) -> ca.Function:
     rows = Rows(matrix, **{name: terms[name] for name in _VECTORS})
     twist, limits = problem.twist_limit, problem.row_limits
     bounds = row_bounds(twist, limits, rows, kept, away, brake, mx["final"])
-    H, g = objective(model, mx, S, E)
+    parts = model.symbols(kind=ca.MX)
+    terms = parts.function("objective", objective(model, parts))
+    terms = call_by_name(shape(terms), mx, written=True, S=S, E=E)
+    H, g = terms["H"], terms["g"]
     # Bounds drop the NaN of a row. In the objective it shows in the residual.
     seen = [k for k, row in enumerate(kept) if row in model.watched_rows]
     if seen:
@@ -371,18 +371,18 @@ def _further_passes(model: StepModel, one_pass: ca.Function, number: int) -> ca.
 
 def _one_pass(model: StepModel, solver: QpSolver, shape: Shape, with_data: bool) -> ca.Function:
     """Return one QP with a given lock set; the last inputs are ``locked`` and ``final``."""
-    data = shape(pass_data(model))
+    data = pass_data(model, shape)
     names = [*data.name_in()[:-2], *(_PULL if model.guided else ()), "locked", "final"]
     mx = model.symbols(names, ca.MX)
     found = call_by_name(data, mx, written=True)
     if model.guided:
         found |= {"H": found["H"] + mx["pull_H"], "g": found["g"] + mx["pull_g"]}
     exact = np.flatnonzero(model.values("hard")[model.movable])
-    qp = build_qp(solver, len(model.movable), shape, exact.tolist(), model.if_needed)
+    qp = build_qp(solver, len(model.movable), exact.tolist(), model.if_needed)
     answer = dict(zip(_ANSWER, written_out(qp, *(found[name] for name in QP_DATA)), strict=True))
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
-    lock = shape(_newly_locked(model))
+    lock = _newly_locked(model)
     known = {**mx, **answer, "xi": xi, "S": found["S"]}
     newly = call_by_name(lock, known, written=True)["newly_locked"]
     kept = ("S", "E", "shift", *(QP_DATA if with_data else ()))
