@@ -22,6 +22,9 @@ around it; ``phase_...`` are its parts (`benchmarks.step_phases`), which add up 
 - ``largest_us``, ``iteration_us``, ``worst_us``: a step that takes every branch, one iteration of
   the solver, and both at the largest number of iterations (`ergoqp.benchmark_step`);
   ``compiled_...`` likewise.
+- ``compiled_ratio``, ``interpreted_ratio``, ``c_ratio`` (for this processor), ``c_ratio.baseline``,
+  ``TASK.c_ratio``: the CPU time of the plain mink program of the person (`benchmarks.mink_person`)
+  over that of the step, the median of every call's shortest of several turns in one process.
 - ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns
   (`benchmarks.mink_peer`), the leanest there is: its terms come from the step's own CasADi
   functions. ``mink_whole_us``: posture and arm as unknowns, as in `ergoqp.whole_body`.
@@ -44,6 +47,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.mink_peer import mink_steps
+from benchmarks.mink_person import ratios
 from benchmarks.mink_plain import mink_plain_us
 from benchmarks.plain_peer import plain_step_us
 from benchmarks.report import Report, run
@@ -241,6 +245,12 @@ def _peers(report: Report, median: float) -> None:
             f"largest difference from Python over {c.states} steps [m/s, rad/s]",
         )
         forms["mink_ratio_c"] = c.median_us
+    ratios(report, problem, calls)
+    for name in TASKS:
+        if name != "screwing":
+            other = load_problem(name)
+            loop = trajectory(other, Stepper(other), 5.0).calls
+            ratios(report, other, loop, f"{name}.", few=True)
     _stop(report, problem)
     _largest(report, problem)
     problem = sent_as_planned(problem)

@@ -81,7 +81,7 @@ def stop_difference(count: int) -> tuple[float, int]:
         if problem.surface is not None:
             continue
         for stepper in kinds(problem).values():
-            closed = stop_function(StepModel(stepper.problem))
+            closed = stop_function(StepModel(stepper.problem, stepper.guided))
             for state in states(stepper, count, number):
                 stepper.restore(state)
                 one, other = stepper.stop(), closed(state, stepper.dt)

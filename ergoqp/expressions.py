@@ -145,6 +145,35 @@ def spd_inverse(matrix: ca.SX) -> ca.SX:
     return inverse.T @ inverse
 
 
+def ldl(matrix: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the unit lower factor L and 1/D (n,) of a symmetric matrix L D L'.
+
+    Only the lower triangle of the matrix is used. It is positive definite if all 1/D are finite and
+    above zero.
+    """
+    n = matrix.shape[0]
+    unit, scaled, inverse = ca.SX.eye(n), ca.SX(n, n), ca.SX(n, 1)
+    for j in range(n):
+        for i in range(j, n):
+            scaled[i, j] = matrix[i, j] - scaled[i, :j] @ unit[j, :j].T
+        inverse[j] = 1 / scaled[j, j]
+        unit[j + 1 :, j] = scaled[j + 1 :, j] * inverse[j]
+    return unit, inverse
+
+
+def ldl_solve(factors: tuple[ca.SX, ca.SX], right: ca.SX) -> ca.SX:
+    """Return the solution (n, k) of a system, from `ldl` of its matrix."""
+    unit, inverse = factors
+    n, found = unit.shape[0], ca.SX(right)
+    for i in range(1, n):
+        found[i, :] -= unit[i, :i] @ found[:i, :]
+    for i in reversed(range(n)):
+        found[i, :] *= inverse[i]
+        if i + 1 < n:
+            found[i, :] -= unit[i + 1 :, i].T @ found[i + 1 :, :]
+    return found
+
+
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
     """Return `pose` (4, 4) moved by a world-aligned displacement (6,).
 
@@ -316,6 +345,7 @@ class Evaluator:
         given: all inputs, one after the other.
         places: slices of `given`, by the name of the input.
         inputs: views of `given`, by name.
+        numbers: the same as views of Python's own, by name: one number is read and written faster.
         results: all outputs, one after the other.
         slices: slices of `results`, by the name of the output.
         outputs: views of `results`, by name.
@@ -329,6 +359,7 @@ class Evaluator:
         self.places = slices({n: function.nnz_in(i) for i, n in enumerate(function.name_in())})
         self.given = np.zeros(function.nnz_in())
         self.inputs = {name: self.given[part] for name, part in self.places.items()}
+        self.numbers = {name: array.data for name, array in self.inputs.items()}
         self.slices = slices({n: function.nnz_out(i) for i, n in enumerate(function.name_out())})
         self.results = np.zeros(function.nnz_out())
         self.outputs = {name: self.results[part] for name, part in self.slices.items()}

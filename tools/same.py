@@ -11,6 +11,10 @@ same inputs then go through the step of both trees, on this machine:
 - ``differ.plain``, ``differ.compiled``, ``differ.exported``, ``differ.guided``: inputs after which
   any bit of any output is another: of the CasADi function, of the same through the C compiler, of
   the exported C, and of the step with a place given and a robot declared.
+- ``twist_difference``, ``status_differ``: where bits differ, the largest difference of a twist
+  [m/s, rad/s], and the inputs after which status or causes differ, over all these forms.
+- ``forms_differ``: inputs after which any bit of the compiled or of the exported step is another
+  than that of the interpreted one, of this commit.
 - ``recordings``, ``differ.scores``: recordings of the shared folder, and those whose exit status
   or ``scores.csv`` is another; every one is scored by ``ergoqp score`` of both trees.
 - ``refused``: inputs that were answered with ``braking`` or ``invalid``; ``moving``: with a twist
@@ -177,7 +181,15 @@ def answer(name: str, kind: str, folder: Path, out: str) -> None:
         np.concatenate([np.array(part).ravel("F") for part in function(*_arguments(row, function))])
         for row in rows
     ]
-    np.save(folder / f"{out}_{name}_{kind}.npy", np.array(results))
+    sizes = [function.numel_out(i) for i in range(function.n_out())]
+    starts = dict(zip(function.name_out(), np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
+    places = [np.arange(starts[part], starts[part] + size) for part, size in _TOLD.items()]
+    told = np.array(results)[:, np.concatenate(places)]
+    np.savez(folder / f"{out}_{name}_{kind}.npz", results=np.array(results), told=told)
+
+
+_TOLD: Final = {"twist": 6, "status": 1, "causes": 1}
+"""What an answer says to its loop: name and size."""
 
 
 def scored(tree: Path, path: Path, folder: Path) -> tuple[int, bytes]:
@@ -273,17 +285,38 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
         report.figure("recordings", recordings, "with --full only")
         report.figure("differ.scores", len(other), ", ".join(other))
         for kind in kinds:
-            differ = {name: _differ(folder, name, kind) for name in names}
+            differ = {
+                name: _differ(folder, name, f"before_{kind}", f"after_{kind}") for name in names
+            }
             report.figure(
                 f"differ.{kind}",
                 sum(differ.values()),
                 ", ".join(f"{n}: {d}" for n, d in differ.items() if d),
             )
+        apart = [_apart(folder, name, kind) for name in names for kind in kinds]
+        report.figure("twist_difference", max(twist for twist, _ in apart), "of all forms")
+        report.figure("status_differ", sum(count for _, count in apart), "of all forms")
+        forms = [kind for kind in ("compiled", "exported") if kind in kinds and "plain" in kinds]
+        pairs = [(name, form) for name in names for form in forms]
+        apart = [_differ(folder, name, "after_plain", f"after_{form}") for name, form in pairs]
+        report.figure("forms_differ", sum(apart), f"{', '.join(forms)} to interpreted")
 
 
-def _differ(folder: Path, name: str, kind: str) -> int:
-    one, other = (np.load(folder / f"{out}_{name}_{kind}.npy") for out in ("before", "after"))
+def _differ(folder: Path, name: str, *answers: str) -> int:
+    """Return the number of inputs after which two answers, ``OUT_KIND`` each, are not the same."""
+    one, other = (_kept(folder, name, answer)["results"] for answer in answers)
     return sum(a.tobytes() != b.tobytes() for a, b in zip(one, other, strict=True))
+
+
+def _kept(folder: Path, name: str, answer: str) -> Any:
+    out, kind = answer.split("_")
+    return np.load(folder / f"{out}_{name}_{kind}.npz")
+
+
+def _apart(folder: Path, name: str, kind: str) -> tuple[float, int]:
+    """Return the largest difference of a twist, and how many statuses or causes differ."""
+    one, other = (_kept(folder, name, f"{out}_{kind}")["told"] for out in ("before", "after"))
+    return float(np.abs(one - other)[:, :6].max()), int((one != other)[:, 6:].any(axis=1).sum())
 
 
 def main() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.arguments import Range, check_kind, check_parameters, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions import pose_matrix, spd_inverse
+from ergoqp.expressions import ldl, ldl_solve, pose_matrix, spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.body import base_jacobian, offsets_of
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER, UPPER_BODY
@@ -115,9 +115,9 @@ def sensitivity_function(
     """
     inputs, names = geometry.mx_in(), geometry.name_in()
     K, pull, softness, wanted, legs, swing, damped = geometry.call(inputs)
-    M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
-    inverse = ca.Function("inverse", [M], [spd_inverse(M)])
-    multipliers = inverse(K.T @ pull + softness) @ wanted
+    M, right = ca.SX.sym("M", *softness.shape), ca.SX.sym("right", *wanted.shape)
+    solve = ca.Function("solve", [M, right], [ca.densify(ldl_solve(ldl(M), right))])
+    multipliers = solve(K.T @ pull + softness, wanted)
     rates = pull @ multipliers
     swung = ca.vec(swing @ rates[4:7, :]) if hanging else ca.MX(0, 1)
     moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), swung, 0)
@@ -179,7 +179,7 @@ def functions_of(person: IkResponse, shared: bool = False) -> tuple[ca.Function,
     free = (1 - locked[chain]) / weights[chain]
     pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
     pull = ca.diagcat(pelvis, ca.diag(free)) @ K.T
-    inverse_M = spd_inverse(K @ pull + softness)
+    factors = ldl(K @ pull + softness)
     swing, fall = _swing(person, numbers, q)
     side = len(hands)
 
@@ -194,7 +194,7 @@ def functions_of(person: IkResponse, shared: bool = False) -> tuple[ca.Function,
 
     own = ca.vertcat(stance.relax, wish[chain])
     asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / numbers.relaxation_time)
-    relax = in_joints(own + pull @ (inverse_M @ (asked - K @ own)))
+    relax = in_joints(own + pull @ ldl_solve(factors, asked - K @ own))
     if person.hanging is not None:
         relax[arm_of(person.hanging)] += fall * (1 - locked[arm_of(person.hanging)])
 
@@ -202,7 +202,7 @@ def functions_of(person: IkResponse, shared: bool = False) -> tuple[ca.Function,
     to_hands = ca.diagcat(*[stance.yaw.T] * (2 * side)) @ error
     work = sum((to_hands[6 * i : 6 * i + 3] for i in range(side)), ca.SX(3, 1)) / side
     asked = ca.vertcat(kept @ to_hands, -seen.by_work @ work)
-    reach = in_joints(pull @ (inverse_M @ asked))
+    reach = in_joints(pull @ ldl_solve(factors, asked))
 
     parts = {
         "K": K.T,

@@ -12,6 +12,7 @@ import casadi as ca
 import daqp
 import numpy as np
 
+from ergoqp.expressions import ldl, ldl_solve, smallest
 from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver, shapes_of
 
@@ -19,6 +20,9 @@ from ergoqp.solvers.solver import QpSolver, shapes_of
 _IN_STEP: Final = {"primal_tol": 1e-9, "dual_tol": 1e-10}
 ITERATIONS: Final = 500
 """Largest number of iterations for one QP of the control step."""
+
+_FEW: Final = 6
+"""Number of unknowns up to which Newton's step is worth a try: those of a twist."""
 
 # It stops at a vertex of the active constraints, so more accuracy costs nothing. Reducing
 # equalities first is meant for single solves.
@@ -39,13 +43,44 @@ class Daqp(QpSolver):
         return _DaqpWorkspace(n, m, accuracy)
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return the solver for `n` unknowns and `m` rows, without Python code."""
+        """Return the solver for `n` unknowns and `m` rows, without Python code.
+
+        For few unknowns Newton's step comes first: it is the answer if it is within all bounds, as
+        in most steps of a loop.
+        """
+        active_set = self.active_set(n, m)
+        return active_set if n > _FEW else _newton_first(active_set, n, m)
+
+    def active_set(self, n: int, m: int) -> ca.Function:
+        """Return DAQP itself, as `function`."""
         qp = in_step(n, m, ITERATIONS)
         names = ["h", "g", "a", "lba", "uba", "lbx", "ubx"]
         shapes = shapes_of(n, m)[0]
         inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
         answer = qp(**dict(zip(names, inputs, strict=True)))
         return ca.Function("daqp", inputs, [answer["x"], answer["lam_a"], answer["lam_x"]])
+
+
+def _newton_first(active_set: ca.Function, n: int, m: int) -> ca.Function:
+    inputs = active_set.mx_in()
+    H, g, A, lba, uba, lbx, ubx = inputs
+    matrix, right = ca.SX.sym("H", n, n), ca.SX.sym("g", n)
+    factors = ldl(matrix)
+    newton = ca.Function(
+        "newton",
+        [matrix, right],
+        [ca.densify(-ldl_solve(factors, right)), smallest(factors[1]) > 0],
+    )
+    x, definite = newton(H, g)
+    value = A @ x
+    # A comparison with NaN fails.
+    within = [lbx <= x, x <= ubx, lba <= value, value <= uba]
+    free = ca.logic_and(definite, smallest(ca.vertcat(*within)) > 0)
+    none = [ca.MX(ca.DM.zeros(count)) for count in (m, n)]
+    unbounded = ca.Function("unbounded", [x_ := ca.MX.sym("x", n), *inputs], [x_, *none])
+    bounded = ca.Function("bounded", [x_, *inputs], list(active_set(*inputs)))
+    choose = ca.Function.if_else("free_or_not", unbounded, bounded)
+    return ca.Function("daqp", inputs, list(choose(free, x, *inputs)))
 
 
 def in_step(n: int, m: int, iterations: int) -> ca.Function:

@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions import call_by_name, is_set, largest
-from ergoqp.limits import LimitContext
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
 from ergoqp.step.causes import Cause, Status
@@ -159,8 +158,8 @@ def account_function(model: StepModel) -> ca.Function:
     """Return the twist that is sent, and its account.
 
     Returns:
-        Function ``(...) -> (planned, twist, still, posture_rate, status, all_causes, all_slack,
-        all_multipliers, residuals)``; slack and multipliers are those of all rows (r,).
+        Function ``(...) -> (planned, twist, still, status, all_causes, all_slack, all_multipliers,
+        residuals)``; slack and multipliers are those of all rows (r,).
     """
     problem, movable = model.problem, model.movable
     signals, count = model.symbols(kind=ca.MX), len(problem.row_names)
@@ -174,15 +173,33 @@ def account_function(model: StepModel) -> ca.Function:
     any_outside = largest(signals["outside"])
     found = call_by_name(_close_function(model), signals, used=used, any_outside=any_outside)
     twist = found["twist"]
-    rate = _model_rate(model, margins.context, signals, signals["S"] @ twist)
     slack, multipliers = (
         _spread(signals[name], movable, count) for name in ("slack", "multipliers")
     )
     # A twist that is shortened toward braking may exceed a rate that braking exceeds too. This row
     # has given way as well, and is named.
     slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
-    found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
+    found |= {"all_slack": slack, "all_multipliers": multipliers}
     return signals.function("account", found)
+
+
+def rate_function(model: StepModel) -> ca.Function:
+    """``(...) -> posture_rate``: how the model person follows the twist that is sent.
+
+    Joints at their end go no further.
+    """
+    signals = model.symbols(kind=ca.MX)
+    rate, dt = signals["S"] @ signals["twist"], signals["dt"]
+    context = Margins(model, signals).context
+    for limit in model.problem.row_limits:
+        if not limit.yield_zone:
+            continue
+        rows = limit.rows(context)
+        zone = model.of_rows(signals, "yield_zone", limit)
+        up = ca.if_else(rows.to_upper < zone, 0.0, ca.fmax(rows.to_upper, 0) / dt)
+        down = ca.if_else(rows.to_lower < zone, 0.0, ca.fmax(rows.to_lower, 0) / dt)
+        rate = ca.fmax(ca.fmin(rate, up), -down)
+    return signals.function("rate", {"posture_rate": rate})
 
 
 def _close_function(model: StepModel) -> ca.Function:
@@ -229,18 +246,3 @@ def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:
     speeds = ca.vertcat(*(ca.fabs(matrix @ twist) for matrix in margins.matrices))
     beyond = ca.fmax(speeds - ca.fmin(ca.vertcat(*margins.rates), FREE), 0)
     return ca.if_else(beyond > 1e-7, beyond, 0)
-
-
-def _model_rate(
-    model: StepModel, context: LimitContext, signals: Mapping[str, ca.MX], rate: ca.MX
-) -> ca.MX:
-    """Return the joint rates of the model person, in which joints at their end go no further."""
-    for limit in model.problem.row_limits:
-        if not limit.yield_zone:
-            continue
-        rows, dt = limit.rows(context), signals["dt"]
-        zone = model.of_rows(signals, "yield_zone", limit)
-        up = ca.if_else(rows.to_upper < zone, 0.0, ca.fmax(rows.to_upper, 0) / dt)
-        down = ca.if_else(rows.to_lower < zone, 0.0, ca.fmax(rows.to_lower, 0) / dt)
-        rate = ca.fmax(ca.fmin(rate, up), -down)
-    return rate

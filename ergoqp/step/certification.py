@@ -288,7 +288,7 @@ def _decide_function(model: StepModel) -> ca.Function:
 def shortened(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     """Return the shares (6,) of `_shorten_function`; all are one if the ``whole`` way holds."""
     shorten = _shorten_function(model)
-    all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
+    all_of_it = ca.Function("whole", shorten.mx_in(), [ca.MX(ca.DM.ones(6))])
     choose = ca.Function.if_else("shorten_or_not", shorten, all_of_it)
     needed = model.if_needed(ca.logic_not(signals["whole"]))
     return choose(needed, *(signals[name] for name in shorten.name_in()))
@@ -304,24 +304,41 @@ def _shorten_function(model: StepModel) -> ca.Function:
     workspace. What held before must hold through the stop. What did not hold must not get worse. No
     more is required than braking achieves.
     """
-    problem, sx = model.problem, model.symbols(_LANDED)
-    S = model.sparse(sx["S"])
-    context = model.context(sx, S)
-    planned = ca.SX.sym("planned", 6)
-    margins = _margins(model, sx, S, planned, sx["dt"])
-    braked = ca.substitute(margins, planned, sx["brake"])
-    floor = _floor(model, sx["now"] - sx["doubted"], braked, sx)
+    floor, holds = _floor_function(model), _holds_function(model)
+    mx = model.symbols(kind=ca.MX)
+    floor = call_by_name(floor, mx)["floor"]
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
     candidates = [candidate * ca.DM.ones(6) for candidate in _SHARES]
-    if problem.surface is None:
+    if model.problem.surface is None:
         candidates += [candidate * part for candidate in _SHARES[::2] for part in (shift, turn)]
-    shares = ca.SX(6, 1)
+    shares = ca.MX(ca.DM.zeros(6))
     for candidate in reversed(candidates):
-        shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
-        twist = _kept(model.stop(sx), context, shorter, sx["dt"])
-        holds = is_set(smallest(ca.substitute(margins, planned, twist) >= floor, 1.0))
-        shares = ca.if_else(holds, candidate, shares)
-    return sx.function("shorten", {"share": shares})
+        certified = call_by_name(holds, mx, floor=floor, candidate=candidate)["holds"]
+        shares = ca.if_else(certified, candidate, shares)
+    return mx.function("shorten", {"share": shares})
+
+
+def _floor_function(model: StepModel) -> ca.Function:
+    """Return the function for the margins (r,) that a shorter way has to keep, see `_floor`."""
+    sx = model.symbols(_LANDED)
+    at_braking = _margins(model, sx, model.sparse(sx["S"]), sx["brake"], sx["dt"])
+    now = sx["now"] - sx["doubted"]
+    return sx.function("floor", {"floor": _floor(model, now, at_braking, sx)})
+
+
+def _holds_function(model: StepModel) -> ca.Function:
+    """Return the function for whether a share of the way, `candidate` (6,), keeps a `floor` (r,).
+
+    It is one function that is called for every share: written out, it would be half of the step.
+    """
+    sx = model.symbols((*_LANDED, "brake", "wanted"))
+    S, count = model.sparse(sx["S"]), len(model.problem.row_names)
+    floor, candidate = ca.SX.sym("floor", count), ca.SX.sym("candidate", 6)
+    shorter = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
+    twist = _kept(model.stop(sx), model.context(sx, S), shorter, sx["dt"])
+    holds = is_set(smallest(_margins(model, sx, S, twist, sx["dt"]) >= floor, 1.0))
+    sx.inputs |= {"floor": floor, "candidate": candidate}
+    return sx.function("holds", {"holds": holds})
 
 
 def _kept(

@@ -273,7 +273,7 @@ def watch(model: StepModel, signals: Mapping[str, ca.MX], shape: Shape) -> dict[
             may be from its computed pose.
         shape: how functions are written, see `ergoqp.expressions`.
     """
-    compare, explain = shape(_compared(model)), explained_function(model)
+    compare, explain = _compared(model), explained_function(model)
     found = call_by_name(compare, signals)
     # Without a reported twist or a fault there is nothing to explain.
     was = dict(zip(explain.name_in(), explain.mx_in(), strict=True))

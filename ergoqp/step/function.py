@@ -29,7 +29,7 @@ from ergoqp.expressions import (
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, read_solver
 from ergoqp.solvers.daqp import Daqp
-from ergoqp.step.answer import account_function
+from ergoqp.step.answer import account_function, rate_function
 from ergoqp.step.causes import Cause
 from ergoqp.step.certification import amiss, judge_function, shortened
 from ergoqp.step.constants import constants_of
@@ -419,10 +419,11 @@ def build_shared_step(
 
     # The part of the answer that is certified and sent.
     signals |= call_by_name(gain_function(model), signals)
-    signals |= call_by_name(shape(judge_function(model)), signals, written=True)
+    signals |= call_by_name(judge_function(model), signals, written=True)
     signals["share"] = shortened(model, signals)
     signals |= amiss(model, signals)
     signals |= call_by_name(shape(account_function(model)), signals, written=True)
+    signals |= call_by_name(rate_function(model), signals, written=True)
     signals["next_state"] = joined(model.state, _next_state(model, signals | watched))
 
     signals |= {"pose_used": signals["pose"], "causes": signals["all_causes"]}

@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.arguments import of_package
 from ergoqp.errors import ProblemError
-from ergoqp.expressions import Evaluator, slices, written_out
+from ergoqp.expressions import Evaluator, Shape, slices, vectors, written_out
 from ergoqp.limits import Limit, LimitContext
 from ergoqp.limits.limit import Expression, with_symbols
 from ergoqp.limits.twist_and_stopping import Braking, Stop
@@ -313,9 +313,11 @@ class StepModel:
         sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
         sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
         sizes |= dict.fromkeys(("executed", "previous", "sent", "begun", "xi", "wanted"), (6, 1))
-        sizes |= dict.fromkeys(("brake", "share", "went", "changed", "owed", "excess"), (6, 1))
+        sizes |= dict.fromkeys(
+            ("brake", "share", "went", "changed", "owed", "excess", "twist"), (6, 1)
+        )
         sizes |= {"next_rest": (STATES, 1), "astray": (ASTRAY, 1)}
-        sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
+        sizes |= dict.fromkeys(("up", "down", "slowest", "fastest", "twist"), (6, 1))
         sizes |= dict.fromkeys(("now", "ahead", "outside", "doubted"), (rows, 1))
         sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
         sizes |= {"S": sensitivity.size_out(0), "E": sensitivity.size_out(1)}
@@ -349,11 +351,13 @@ class StepModel:
             return response.shared()
         return response.sensitivity(), response.contact()
 
-    def sensitivity(self, signals: Mapping[str, Any], posture: Any, locked: Any) -> list[ca.MX]:
+    def sensitivity(
+        self, signals: Mapping[str, Any], posture: Any, locked: Any, shape: Shape = vectors
+    ) -> list[ca.MX]:
         """Return S (n, 6) and E (k, 6), see `ergoqp.responses.Response.sensitivity`."""
         function = self._functions[0]
         more = (signals[f"response_{name}"] for name in function.name_in()[2:])
-        return written_out(function, posture, locked, *more)
+        return written_out(shape(function), posture, locked, *more)
 
     def contact(self, signals: Mapping[str, Any], posture: Any) -> Any:
         """Return the contact frame (4, 4) of a posture (n,)."""

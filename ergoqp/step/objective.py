@@ -32,6 +32,10 @@ _DENSE_LOOKS: Final = (0.3, 1.0)
 """The same for costs with large matrices, which do not change within a few centimetres."""
 
 
+_LOWER: Final = [max(i, j) + 6 * min(i, j) for j in range(6) for i in range(6)]
+"""For each entry of a symmetric matrix (6, 6), column by column, the one below the diagonal."""
+
+
 def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
     """``(posture, observed) -> (value, total, gradient)``: V, V with comfort, and its gradient.
 
@@ -85,44 +89,41 @@ def _is_dense(problem: Problem) -> bool:
     return getattr(problem.cost, "dense", False)
 
 
-def objective(model: StepModel, signals: Signals, S: ca.MX, E: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Return the objective of the QP.
+def objective(model: StepModel, signals: Signals) -> dict[str, ca.MX]:
+    """Return the objective of the QP: ``H`` (6, 6) and ``g`` (6,).
 
     Its terms are Gauss-Newton of V - V_min over the look-ahead, effort, smoothing, and the contact
     motion that the person cannot follow.
 
     Args:
         model: model of the step.
-        signals: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled`` and ``readings`` of this
-            step.
-        S: sensitivity (n, 6).
-        E: contact motion that the posture cannot follow (k, 6).
-
-    Returns:
-        (H, g) of the QP.
+        signals: ``total``, ``gradient``, ``previous``, ``dt``, ``stalled``, ``readings``, ``S`` and
+            ``E`` of this step.
     """
     task, control, moved = signals.of("task"), signals.of("control"), model.moved
     hesitates = ca.fmax(ca.fmin(signals["stalled"], task.hunts) / task.waits - 1, 0)
     effort = task.effort
     smoothing = control.smoothing / signals["dt"]
     ahead = control.look_ahead
-    S = S[moved, :]
+    S, E = signals["S"][moved, :], signals["E"]
     slope = S.T @ signals["gradient"][moved]
     excess = ca.fmax(signals["total"] - task.minimum, 0) + CAUTION_EPS
     weighted = S * task.cautious[moved, :]
-    # Products of a matrix with its own transpose: symmetric to the last bit.
+    # Products of a matrix with its own transpose are symmetric to the last bit: where every
+    # operation is written on its own, what stands above the diagonal need not be computed.
     H = (
         weighted.T @ weighted
         + control.contact * (E.T @ E)
         + (task.second_order / excess) * (slope @ slope.T)
     )
+    H = ca.reshape(H[_LOWER], 6, 6)
     H += ca.diag(effort * (1 + hesitates**2 + smoothing))
     g = ahead * slope - smoothing * effort * signals["previous"]
     way = model.way_out(signals["readings"])
     if way is None:
-        return H, g
+        return {"H": H, "g": g}
     led = call_by_name(_led_function(model), signals, H=H, g=g, way_out=way[:4])
-    return led["led_H"], led["led_g"]
+    return {"H": led["led_H"], "g": led["led_g"]}
 
 
 def _led_function(model: StepModel) -> ca.Function:

@@ -39,7 +39,6 @@ TOLERANCE: Final = 1e-6
 def build_qp(
     solver: QpSolver,
     m: int,
-    shape: Shape = vectors,
     exact: Sequence[int] = (),
     if_needed: Callable[[ca.MX], ca.MX] = lambda needed: needed,
 ) -> ca.Function:
@@ -55,7 +54,6 @@ def build_qp(
     Args:
         solver: solver of the QP.
         m: number of rows.
-        shape: how the check of the answer is written, see `ergoqp.expressions`.
         exact: rows that must not use `ELBOW`: xi is moved back across them by at most this much.
         if_needed: gives the condition under which slack is solved for.
 
@@ -65,29 +63,26 @@ def build_qp(
         in the infinity norm.
     """
     inputs = _qp_inputs(m)
-    hard = _hard(solver, m, inputs, shape)
+    hard = _hard(solver, m, inputs)
     if m == 0:
         return hard
-    relaxed = _relaxed(solver, m, inputs, shape, list(exact))
+    relaxed = _relaxed(solver, m, inputs, list(exact))
     choose = ca.Function.if_else("relaxed_or_hard", relaxed, hard)
     return ca.Function("qp", inputs, list(choose(if_needed(ca.mmax(inputs[6]) > 0), *inputs)))
 
 
-def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
+def _hard(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
     H, g, A, lbA, ubA, _, _, lb, ub = inputs
     x, rows, box = solver.function(6, m)(H, g, A, lbA, ubA, lb, ub)
-    residual = written_out(shape(_residual(6, m)), H, g, A, lbA, ubA, lb, ub, x, rows, box)[0]
+    residual = written_out(_judge(m, relaxed=False), *inputs, x, rows, box)[0]
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
-def _relaxed(
-    solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
-) -> ca.Function:
+def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], exact: list[int]) -> ca.Function:
     _, _, A, _, _, side, cap, _, _ = inputs
-    loose, n = ca.if_else(cap > 0, 1.0, 0.0), 6 + m
-    data = _with_slack(m, inputs, loose)
-    x, rows, box = solver.function(n, m)(*data)
-    residual = written_out(shape(_residual(n, m)), *data, x, rows, box)[0]
+    loose = ca.if_else(cap > 0, 1.0, 0.0)
+    x, rows, box = solver.function(6 + m, m)(*_with_slack(m, inputs, loose))
+    residual = written_out(_judge(m, relaxed=True), *inputs, x, rows, box)[0]
     xi, slack = x[:6], loose * x[6:]
     if exact:
         used = ca.fmax(0, slack[exact] - (cap[exact] - ELBOW)) * loose[exact]
@@ -125,24 +120,32 @@ def _qp_inputs(m: int) -> list[ca.MX]:
     return [ca.MX.sym(name, *shape) for name, shape in zip(QP_DATA, shapes, strict=True)]
 
 
-def _residual(n: int, m: int) -> ca.Function:
-    """Return the function for the largest of primal residual, dual residual and gap.
+def _judge(m: int, relaxed: bool) -> ca.Function:
+    """``(*QP_DATA, x, rows, box) -> residual`` of an answer, over twist and slack if `relaxed`.
 
-    It includes multipliers of the wrong sign or of absent bounds.
+    It is the largest of primal residual, dual residual and gap. It includes multipliers of the
+    wrong sign or of absent bounds.
 
     The residuals are those of qpbenchmark, but the gap is written as complementarity: the sum of
     multiplier times distance to its bound. This is the same number if the dual residual is zero,
     and a multiplier of an absent bound is not lost in it. Dual quantities are relative to the size
     of the objective.
     """
-    names = ("H", "g", "A", "lbA", "ubA", "lb", "ub", "x", "rows", "box")
-    shapes = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1), (n, 1), (m, 1), (n, 1))
-    inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
-    H, g, A, lbA, ubA, lb, ub, x, rows, box = inputs
-    value = A @ x
+    n, inputs = 6 + m * relaxed, _qp_inputs(m)
+    H, g, A, lbA, ubA, side, cap, lb, ub = inputs
+    answer = [ca.MX.sym("x", n), ca.MX.sym("rows", m), ca.MX.sym("box", n)]
+    x, rows, box = answer
+    value, stationary = A @ x[:6], H @ x[:6] + g + (rows.T @ A).T + box[:6]
+    if relaxed:
+        # What `_with_slack` adds, without its matrices, which are almost empty.
+        loose, slack = ca.if_else(cap > 0, 1.0, 0.0), x[6:]
+        own, price = side * loose, PENALTY * loose
+        value -= own * slack
+        stationary = ca.vertcat(stationary, slack + price - own * rows + box[6:])
+        g = ca.vertcat(g, price)
+        lb, ub = ca.vertcat(lb, ca.MX.zeros(m)), ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0))
     below, above = ca.vertcat(value - lbA, x - lb), ca.vertcat(ubA - value, ub - x)
     primal = -ca.fmin(ca.mmin(below), ca.mmin(above))
-    stationary = H @ x + g + (rows.T @ A).T + box
     dual = ca.mmax(ca.fabs(stationary))
     multiplier = ca.vertcat(rows, box)
     up, down = ca.fmax(multiplier, 0), ca.fmax(-multiplier, 0)
@@ -153,7 +156,7 @@ def _residual(n: int, m: int) -> ca.Function:
     # fmax and mmax drop NaN. A sum of squares keeps it, and the comparison with infinity fails.
     everything = ca.sumsqr(stationary) + ca.sumsqr(below) + ca.sumsqr(above)
     sound = ca.logic_and(ca.sumsqr(x) < FREE, everything <= ca.inf)
-    return ca.Function("residual", inputs, [ca.if_else(sound, residual, FREE)])
+    return ca.Function("judge", [*inputs, *answer], [ca.if_else(sound, residual, FREE)])
 
 
 QP_DATA: Final = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
@@ -194,17 +197,18 @@ AWAY: Final = ("posture", "observed", "readings", "pose", "asks", "astray")
 """Arguments of `away_function`."""
 
 
-def pass_data(model: StepModel) -> ca.Function:
-    """Return the QP of one locking pass.
+def pass_data(model: StepModel, shape: Shape = vectors) -> ca.Function:
+    """Return the QP of one locking pass, its largest parts in the given shape.
 
     The function is ``(*PLACE, away, total, gradient, stalled, locked, final) -> (*QP_DATA, S, E,
     shift)``; `away` is that of `away_function`. Geometry is written as scalars. What is the same
-    for every row is written as vectors, which an interpreter runs many times faster.
+    for every row is written as vectors, which an interpreter runs many times faster, and which a
+    compiler turns into fewer instructions.
     """
     problem, kept = model.problem, model.movable
     names = (*PLACE, "away", "total", "gradient", "stalled", "locked", "final")
     mx = model.symbols(names, ca.MX)
-    S, E = model.sensitivity(mx, mx["posture"], mx["locked"])
+    S, E = model.sensitivity(mx, mx["posture"], mx["locked"], shape)
     function, follows = _terms(model)
     shift = S @ mx["way"][:6]
     terms = call_by_name(function, mx, shift=shift, S=S)
@@ -215,7 +219,10 @@ def pass_data(model: StepModel) -> ca.Function:
     twist, limits = problem.twist_limit, problem.row_limits
     numbers = mx.pick(("rows_yield_zone", "rows_recovery_time"))
     bounds = row_bounds(twist, limits, rows, kept, away, brake, mx["final"], numbers)
-    H, g = objective(model, mx, S, E)
+    parts = model.symbols(kind=ca.MX)
+    terms = parts.function("objective", objective(model, parts))
+    terms = call_by_name(shape(terms), mx, written=True, S=S, E=E)
+    H, g = terms["H"], terms["g"]
     # Bounds drop the NaN of a row. In the objective it shows in the residual.
     seen = [k for k, row in enumerate(kept) if row in model.watched_rows]
     if seen:
@@ -369,18 +376,18 @@ def _further_passes(model: StepModel, one_pass: ca.Function, number: int) -> ca.
 
 def _one_pass(model: StepModel, solver: QpSolver, shape: Shape, with_data: bool) -> ca.Function:
     """Return one QP with a given lock set, by the inputs ``locked`` and ``final``."""
-    data = shape(pass_data(model))
+    data = pass_data(model, shape)
     names = [*data.name_in(), *(_PULL if model.guided else ())]
     mx = model.symbols(names, ca.MX)
     found = call_by_name(data, mx, written=True)
     if model.guided:
         found |= {"H": found["H"] + mx["pull_H"], "g": found["g"] + mx["pull_g"]}
     exact = np.flatnonzero(model.values("hard")[model.movable])
-    qp = build_qp(solver, len(model.movable), shape, exact.tolist(), model.if_needed)
+    qp = build_qp(solver, len(model.movable), exact.tolist(), model.if_needed)
     answer = dict(zip(_ANSWER, written_out(qp, *(found[name] for name in QP_DATA)), strict=True))
     # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
-    lock = shape(_newly_locked(model))
+    lock = _newly_locked(model)
     known = {**answer, "xi": xi, "S": found["S"]}
     newly = call_by_name(lock, mx, written=True, **known)["newly_locked"]
     kept = ("S", "E", "shift", *(QP_DATA if with_data else ()))

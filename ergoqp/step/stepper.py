@@ -164,6 +164,7 @@ class Stepper:
         self._call, self._given = evaluator.evaluate, evaluator.given
         # The slice of each input, and of each part of the state within the state.
         self._inputs, self._at, self._parts = evaluator.inputs, evaluator.places, self._model.places
+        self._numbers = evaluator.numbers
         self._recorded = [name for name in self._at if name not in self._model.constants]
         if type(self._solver) is not Daqp:
             self._call = passing_on(evaluator.evaluate)
@@ -179,7 +180,7 @@ class Stepper:
         self._out, self._slices = evaluator.results, evaluator.slices
         # The state that one step hands to the next.
         self._state_in, self._state_out = self._inputs["state"], evaluator.outputs["next_state"]
-        self._status_at = self._slices["status"].start
+        self._status, self._twist_at = evaluator.outputs["status"].data, self._slices["twist"]
         self._held_at = self._parts["on_hold"].start
         # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
@@ -419,9 +420,9 @@ class Stepper:
                 all are seen. The entry of an unseen joint in `posture` is not used.
         """
         start, ready, into = time.perf_counter(), self._ready, self._inputs
-        notes, frame = self._begin_call(ready), ready[3]
+        notes, frame, numbers = self._begin_call(ready), ready[3], self._numbers
         if posture is None:
-            into["frame"][0] = 0.0
+            numbers["frame"][0] = 0.0
         else:
             put(into["posture"], posture, self._shape, "posture", notes)
         if observed is not None:
@@ -430,17 +431,17 @@ class Stepper:
             if "observed" in notes or ((mask != 0.0) & (mask != 1.0)).any():
                 self._unseen(notes)
         if pose is not None:
-            into["has_pose"][0] = 1.0
+            numbers["has_pose"][0] = 1.0
             put(self._pose_in, pose, (4, 4), "pose", notes)
         if twist is not None:
-            into["has_twist"][0] = 1.0
+            numbers["has_twist"][0] = 1.0
             put(into["executed"], twist, (6,), "twist", notes)
         if dt is not None:
-            into["dt"][0] = number(dt, "dt", notes)
+            numbers["dt"][0] = number(dt, "dt", notes)
         # The usual cases first: a call costs more than a comparison.
-        into["age"][0] = age if type(age) is float else number(age, "age", notes)
+        numbers["age"][0] = age if type(age) is float else number(age, "age", notes)
         if enable is not True:
-            into["enable"][0] = truth(enable, "enable", notes)
+            numbers["enable"][0] = truth(enable, "enable", notes)
         if self._log is not None:
             self._record(notes)
         self._call()
@@ -604,7 +605,7 @@ class Stepper:
         logged: bool = True,
     ) -> dict[str, str]:
         """Evaluate the function without new data; return the notes of the call."""
-        notes, into = self._begin_call(ready), self._inputs
+        notes, into = self._begin_call(ready), self._numbers
         into["frame"][0], into["ask"][0], into["dt"][0], into["enable"][0] = 0.0, 1.0, dt, enable
         into["age"][0] = age
         if logged and self._log is not None:
@@ -638,12 +639,12 @@ class Stepper:
 
     def _answer(self, ready: Ready, notes: Mapping[str, str], start: float, frame: Frame) -> Step:
         """Return the answer of the last evaluation, and continue from it."""
-        account, into = self._out.copy(), self._inputs
+        account, numbers = self._out.copy(), self._numbers
         if self._raised:
             who = ", ".join(callers(self.problem))
             notes = {**notes, "term": f"{who}: got {self._raised[-1]}, allowed a number"}
-        seen = (frame[0], into["dt"][0], into["age"][0])
-        twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
+        seen = (frame[0], numbers["dt"][0], numbers["age"][0])
+        twist, status = account[self._twist_at], _STATUSES[int(self._status[0])]
         after = (ready[0], self._state_out.copy(), ready[2], frame)
         step = Step(twist, status, self.problem, account, self._slices, seen, notes, start)
         # Last: an interrupted call counts as not made. CPython does not interrupt between this and

@@ -36,32 +36,17 @@ def no_compiler(request, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["screwing", "low_bin", "forearm"])
-def test_compiled_answers_are_those_of_the_interpreted_step(name):
+def test_compiled_answers_are_those_of_the_interpreted_step_to_the_last_bit(name):
     problem = ergoqp.load_problem(name)
     plain, fast = Stepper(problem), Stepper(problem, compiled=True)
     statuses = set()
     for call, one in wandering_steps(problem, plain, 400, seed=3):
         other = fast.step(**call)
         statuses.add(one.status)
-        for output in (
-            "twist",
-            "pose_used",
-            "posture_rate",
-            "margins",
-            "causes",
-            "fault",
-            "next_state",
-        ):
-            np.testing.assert_allclose(
-                other.account(output), one.account(output), atol=1e-9, rtol=0
-            )
-        if (
-            one.residuals["qp"] < TOLERANCE
-        ):  # what a solver leaves behind when it gives up is its own
-            for output in ("slack", "residuals"):
-                np.testing.assert_allclose(
-                    other.account(output), one.account(output), atol=1e-6, rtol=0
-                )
+        # What a solver leaves behind when it gives up is its own.
+        left = () if one.residuals["qp"] < TOLERANCE else ("slack", "multipliers", "residuals")
+        for output in set(fast.evaluator.slices) - set(left):
+            assert other.account(output).tobytes() == one.account(output).tobytes(), output
     assert len(statuses) > 2
 
 
@@ -75,9 +60,7 @@ def test_compiled_it_takes_over_and_brakes_alike():
     for dt, elapsed in ((None, 0.0), (0.02, 0.0), (0.005, 0.07)):
         one, other = (stepper.brake(dt, elapsed) for stepper in steppers)
         assert 0 < np.abs(one.twist).max() < 0.6
-        np.testing.assert_allclose(
-            other.account("next_state"), one.account("next_state"), atol=1e-12, rtol=0
-        )
+        assert other.values.tobytes() == one.values.tobytes()
 
 
 @pytest.mark.slow
@@ -226,3 +209,24 @@ def test_code_that_a_full_disk_cut_off_is_not_compiled():
             generated(function, "f")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("flags\t\t: fpu avx2 bmi1 bmi2 fma sse\n", ("-mavx2", "-mbmi", "-mbmi2", "-mfma")),
+        ("flags\t\t: fpu avx2 bmi1 bmi2 sse\n", ()),
+        ("Features\t: fp asimd\n", ()),
+        (None, ()),
+    ],
+)
+def test_the_flags_are_those_of_the_processor(monkeypatch, text, expected):
+    def read(path, **_):
+        if text is None:
+            raise FileNotFoundError
+        return text
+
+    compiled.processor_flags.cache_clear()
+    monkeypatch.setattr(Path, "read_text", read)
+    assert compiled.processor_flags() == expected
+    compiled.processor_flags.cache_clear()

@@ -25,6 +25,7 @@ from ergoqp.comparison.compare import compare
 from ergoqp.errors import InputError
 from ergoqp.solvers import installed_solvers, open_session, solver_named
 from ergoqp.solvers import solver as solver_module
+from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.session import Qp, QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import FREE, QpSolver
 from ergoqp.step.function import step_function
@@ -380,3 +381,37 @@ def test_the_same_names_serve_step_and_comparison() -> None:
     for ask in (lambda: Stepper(problem_of("desk"), solver="ipopt"), lambda: solver_named("ipopt")):
         with pytest.raises(InputError, match=r"solver: got 'ipopt', allowed one of daqp, quadprog"):
             ask()
+
+
+def test_newton_first_gives_the_answer_of_the_active_set_method() -> None:
+    """With no active bound, with one that is touched, with many, and with data of no number."""
+    rng, free = np.random.default_rng(8), 0
+    daqp = solver_named("daqp")
+    assert isinstance(daqp, Daqp)
+    for m in (0, 1, 9):
+        first, alone = daqp.function(6, m), daqp.active_set(6, m)
+        for k in range(120):
+            root, A, x = rng.normal(size=(6, 6)), rng.normal(size=(m, 6)), rng.normal(size=6)
+            H = root @ root.T + 0.1 * np.eye(6)
+            room = (0.2, 3.0)[k % 2] + 1e-3
+            ends = [-room * np.ones(m), room * np.ones(m), -room * np.ones(6), room * np.ones(6)]
+            if k % 3 == 0:
+                ends[3][x > 0] = x[x > 0]
+            data = [H, -H @ x, A, *ends]
+            got, expected = ([np.array(part) for part in solve(*data)] for solve in (first, alone))
+            free += not any(np.any(part) for part in got[1:])
+            for one, other in zip(got, expected, strict=True):
+                np.testing.assert_allclose(one, other, atol=1e-8)
+    assert 60 < free < 300
+
+
+def test_newton_is_no_answer_of_a_problem_that_is_not_convex() -> None:
+    """Its stationary point lies within all bounds, and is a saddle."""
+    H = np.diag([1.0, 1, 1, 1, 1, -1])
+    x, _, _ = solver_named("daqp").function(6, 0)(
+        H, np.zeros(6), np.zeros((0, 6)), [], [], -np.ones(6), np.ones(6)
+    )
+    saddle, _, _ = solver_named("daqp").active_set(6, 0)(
+        H, np.zeros(6), np.zeros((0, 6)), [], [], -np.ones(6), np.ones(6)
+    )
+    assert np.array_equal(np.array(x), np.array(saddle), equal_nan=True)

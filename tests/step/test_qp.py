@@ -16,7 +16,7 @@ from step_samples import NAMES, Held, bold_stepper, held_pose, near_comfort, pro
 from ergoqp.limits import WorkspaceBox
 from ergoqp.solvers import installed_solvers, solver_named
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.qp import ELBOW, PENALTY, TOLERANCE, _residual, build_qp
+from ergoqp.step.qp import ELBOW, PENALTY, QP_DATA, TOLERANCE, _judge, build_qp, slack_function
 
 
 @cache
@@ -25,8 +25,8 @@ def qp(solver: str, m: int) -> ca.Function:
 
 
 @cache
-def residual(n: int, m: int) -> ca.Function:
-    return _residual(n, m)
+def residual(m: int, relaxed: bool = False) -> ca.Function:
+    return _judge(m, relaxed)
 
 
 def random_qp(rng: np.random.Generator, m: int) -> dict[str, np.ndarray]:
@@ -171,47 +171,91 @@ def exact(rng: np.random.Generator, m: int = 5) -> list[np.ndarray]:
     rows[1], lba[1] = -1.5, value[1]
     box[0], high[0] = 0.7, x[0]
     box[3], low[3] = -0.4, x[3]
-    return [H, -(H @ x + A.T @ rows + box), A, lba, uba, low, high, x, rows, box]
+    side, cap = rng.choice([-1.0, 1.0], m), np.zeros(m)
+    return [H, -(H @ x + A.T @ rows + box), A, lba, uba, side, cap, low, high, x, rows, box]
+
+
+X, ROWS, BOX = 9, 10, 11
+"""Places of the answer in what `exact` gives."""
 
 
 def test_the_residual_is_zero_at_the_optimum_and_nowhere_near_it() -> None:
     rng = np.random.default_rng(4)
-    check = residual(6, 5)
+    check = residual(5)
     for _ in range(20):
         data = exact(rng)
         assert float(check(*data)) < 1e-9
-        for part in (7, 8, 9):
+        for part in (X, ROWS, BOX):
             wrong = [value.copy() for value in data]
             wrong[part] += 1e-3 * rng.choice([-1, 1], wrong[part].shape)
             assert float(check(*wrong)) > 1e-5
 
 
 def test_the_residual_sees_wrong_signs_absent_bounds_and_nan() -> None:
-    check, data = residual(6, 5), exact(np.random.default_rng(5))
+    check, data = residual(5), exact(np.random.default_rng(5))
     # A multiplier that pulls at the wrong end of its row: stationary all the same, but not
     # complementary.
     flipped = [value.copy() for value in data]
-    flipped[8][0] = -2.0
-    flipped[1] = -(flipped[0] @ flipped[7] + flipped[2].T @ flipped[8] + flipped[9])
+    flipped[ROWS][0] = -2.0
+    flipped[1] = -(flipped[0] @ flipped[X] + flipped[2].T @ flipped[ROWS] + flipped[BOX])
     assert float(check(*flipped)) > 1e-3
     # A multiplier of a bound that is not there.
     absent = [value.copy() for value in data]
     absent[4][0] = 2 * FREE
     assert float(check(*absent)) > 1e-3
     infinite = [value.copy() for value in data]
-    infinite[7][:] = np.inf
+    infinite[X][:] = np.inf
     assert float(check(*infinite)) >= TOLERANCE
 
 
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", [0, 1, 2, 3, 4, 7, 8, X, ROWS, BOX])
 def test_the_residual_never_passes_nan(part: int) -> None:
     """In no entry of any of its inputs: H, g, A, four bounds, x and both kinds of multipliers."""
-    check, data = residual(6, 5), exact(np.random.default_rng(5))
+    check, data = residual(5), exact(np.random.default_rng(5))
     assert len(data) == check.n_in()
     for at in range(data[part].size):
         broken = [value.copy() for value in data]
         broken[part].flat[at] = np.nan
         assert float(check(*broken)) == FREE, at
+
+
+def test_the_residual_of_a_relaxed_qp_is_that_of_its_qp_written_out() -> None:
+    """The QP over twist and slack as matrices, and its residuals from their definition in NumPy."""
+    rng, m = np.random.default_rng(14), 6
+    written, seen = slack_function(m), []
+    for k in range(200):
+        data = random_qp(rng, m)
+        data |= {"side": rng.choice([-1.0, 1.0], m), "lbA": rng.uniform(-1, 1, m)}
+        # Beside the price of slack a dual residual is small.
+        data |= {"cap": rng.uniform(0, 1, m) * rng.integers(0, 2, m) * (k % 2)}
+        H, g, A, lb, ub = (np.array(part) for part in written(*data.values()))
+        x, rows, box = (rng.normal(size=count) for count in (6 + m, m, 6 + m))
+        below = np.concatenate([A @ x - data["lbA"], x - lb.ravel()])
+        above = np.concatenate([data["ubA"] - A @ x, ub.ravel() - x])
+        both, off = np.concatenate([rows, box]), H @ x + g.ravel() + A.T @ rows + box
+        gap = np.fmax(both, 0) @ above + np.fmax(-both, 0) @ below
+        dual = max(np.abs(off).max(), abs(gap)) / (1 + np.abs(g).max())
+        expected = max(0.0, -below.min(), -above.min(), dual)
+        found = float(residual(m, relaxed=True)(*data.values(), x, rows, box))
+        assert found == pytest.approx(expected, rel=1e-12)
+        seen.append(expected == dual)
+    assert 20 < sum(seen) < 180
+    assert list(data) == list(QP_DATA)
+
+
+@pytest.mark.parametrize("part", range(12))
+def test_the_residual_of_a_relaxed_qp_never_passes_nan(part: int) -> None:
+    data = exact(np.random.default_rng(5))
+    data[6] = np.array([0.5, 0, 0.5, 0, 0.5])
+    for k in (X, BOX):
+        data[k] = np.concatenate([data[k], np.zeros(5)])
+    assert float(residual(5, relaxed=True)(*data)) < FREE
+    for at in range(data[part].size):
+        broken = [value.copy() for value in data]
+        broken[part].flat[at] = np.nan
+        # Side and cap are numbers of the step's own: they only have to show where they are used.
+        used = part not in (5, 6) or (part == 5 and data[6][at] > 0)
+        assert (float(residual(5, relaxed=True)(*broken)) == FREE) == used, at
 
 
 def test_relaxed_and_hard_paths_agree_where_the_rows_have_room() -> None:

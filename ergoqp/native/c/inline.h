@@ -1,4 +1,5 @@
-/* fmin and fmax as one or two instructions instead of a call. Like those of the C library they drop a NaN; a constant is none. */
+/* fmin and fmax as two or three instructions instead of a call. Like those of glibc they drop a NaN (a constant is none), and
+ * give the first one of two zeros. */
 #ifndef ERGOQP_INLINE_H
 #define ERGOQP_INLINE_H
 
@@ -12,12 +13,12 @@
 
 static inline double ergoqp_fmin(double x, double y) {
   if (ERGOQP_CONSTANT(x)) return y < x ? y : x;
-  return (x < y || y != y) ? x : y;
+  return x != x ? y : y < x ? y : x;
 }
 
 static inline double ergoqp_fmax(double x, double y) {
   if (ERGOQP_CONSTANT(x)) return y > x ? y : x;
-  return (x > y || y != y) ? x : y;
+  return x != x ? y : y > x ? y : x;
 }
 
 #define fmin ergoqp_fmin
