@@ -13,10 +13,10 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import FAULT_UNITS, Cause, Fault, Status
 from ergoqp.step.certification import PARTS, longest_stop
-from ergoqp.step.frames_check import DOUBTED, FRAMES
+from ergoqp.step.frames_check import DOUBTED
 from ergoqp.step.function import INPUTS, OUTPUTS, state_at_start
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, Guide
-from ergoqp.step.layout import ASTRAY, CLOCK_ROUNDING, SHORTEST_DT, count
+from ergoqp.step.layout import ASTRAY, CLOCK_ROUNDING, FRAMES, SHORTEST_DT, count
 from ergoqp.step.model import StepModel
 from ergoqp.step.rest import FIRM, TRIAL, UNKNOWN
 

@@ -279,7 +279,8 @@ class KeepOut:
 
     def constants(self) -> dict[str, np.ndarray]:
         """Return the numbers of a region of the package. Others have them in their expressions."""
-        return self.region.constants() if type(self.region) in (HalfSpace, Ball, Box) else {}
+        region: Any = self.region
+        return region.constants() if type(region) in (HalfSpace, Ball, Box) else {}
 
     def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the half-space that touches the region nearest to the object.
@@ -554,11 +555,12 @@ class WayOut:
 def _depth(region: Any, place: ca.SX, back: ca.SX, grown: float) -> ca.SX:
     """Return how deep a place is in a region that is drawn along ``-back`` and grown [m]."""
     match region:
-        case HalfSpace(normal, offset):
+        case HalfSpace():
+            normal: Any = region.normal
             drawn = ca.sum1(ca.fmax(0, -normal * back))
-            return offset + drawn + grown - ca.dot(normal, place)
-        case Ball(radius=radius):
-            return radius + grown - ca.norm_2(place - _centre(region, place, back))
+            return region.offset + drawn + grown - ca.dot(normal, place)
+        case Ball():
+            return region.radius + grown - ca.norm_2(place - _centre(region, place, back))
     low, high = _corners(region, back, grown)
     return ca.mmin(ca.fmin(place - low, high - place))
 
@@ -601,9 +603,10 @@ def _ends(region: Any, place: ca.SX, d: ca.SX, back: ca.SX, grown: float) -> tup
     and grown.
     """
     match region:
-        case HalfSpace(normal, offset):
+        case HalfSpace():
+            normal: Any = region.normal
             rate = ca.dot(normal, d)
-            offset = offset + ca.sum1(ca.fmax(0, -normal * back)) + grown
+            offset = region.offset + ca.sum1(ca.fmax(0, -normal * back)) + grown
             depth = offset - ca.dot(normal, place)
             end = depth / ca.if_else(ca.fabs(rate) > _ROUNDING, rate, _ROUNDING)
             beyond = ca.if_else(depth > 0, _FAR, -_FAR)

@@ -24,8 +24,8 @@ from ergoqp.native.compiled import (
 from ergoqp.service.reasons import SETTLED
 from ergoqp.service.schema import TEXT, VERSION, Ask, Frame, Mark, Tell
 from ergoqp.step.certification import longest_stop
-from ergoqp.step.frames_check import DOUBTED, FRAMES
-from ergoqp.step.layout import SHORTEST_DT, places
+from ergoqp.step.frames_check import DOUBTED
+from ergoqp.step.layout import FRAMES, SHORTEST_DT, places
 from ergoqp.step.rows import limit_values
 from ergoqp.step.stepper import Stepper
 

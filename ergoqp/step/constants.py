@@ -18,7 +18,6 @@ from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
 from ergoqp.responses import IkResponse
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.frames_check import bounds
 from ergoqp.step.layout import AT_ALL, History
 from ergoqp.step.rest import HESITATES, HUNTING
 from ergoqp.step.rows import limit_values
@@ -29,6 +28,9 @@ Constants = Mapping[str, np.ndarray]
 _OF_ROWS: Final = ("tolerance", "recovery_time", "yield_zone")
 """Numbers of a limit that each of its rows has."""
 
+
+_FAR: Final = (0.38, float(np.radians(60.0)))
+"""Honest people are within this distance [m] and angle [rad], and less of both at once."""
 
 _INHERITS: Final = 1e-5
 """Largest worsening of a bent row that any twist but braking may take over from braking [rad].
@@ -55,10 +57,8 @@ def constants_of(problem: Problem) -> dict[str, np.ndarray]:
     }
     if problem.way_out is not None:
         parts["regions"] = {"way_out": problem.way_out.numbers}
-    if shares(problem.response):
-        parts["response"] = problem.response.constants()
-    if shares(problem.cost):
-        parts["cost"] = problem.cost.constants()
+    terms: dict[str, Any] = {"response": problem.response, "cost": problem.cost}
+    parts |= {name: term.constants() for name, term in terms.items() if shares(term)}
     parts |= {
         prefix_of(problem, limit): limit.constants()  # pyright: ignore[reportAttributeAccessIssue]
         for limit in problem.row_limits
@@ -83,6 +83,16 @@ def prefix_of(problem: Problem, limit: Limit) -> str:
     """Return what the names of the numbers of a limit begin with; empty for an unknown limit."""
     numbers = (i for i, each in enumerate(problem.row_limits) if each is limit)
     return next((f"limit{i}" for i in numbers if hasattr(limit, "constants")), "")
+
+
+def bounds(problem: Problem) -> tuple[float, float]:
+    """Return the distance [m] and the angle [rad] up to which posture and pose may be apart."""
+    frames = problem.frames
+    if frames.spread is None or frames.spread_deg is None:
+        return _FAR
+    # Calibrated with this person, whose other rests are up to twice as far off; and noise.
+    far = max(0.20, 0.10 + 2.5 * frames.spread), max(45.0, 25 + 1.5 * frames.spread_deg)
+    return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
 
 
 def stand_in(problem: Problem) -> np.ndarray:

@@ -13,17 +13,15 @@ comparisons, only the wide bounds brake: the person may have stepped aside.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions import call_by_name
 from ergoqp.problem.problem import Problem
-from ergoqp.step.layout import Sizes
-
-if TYPE_CHECKING:
-    from ergoqp.step.model import StepModel
+from ergoqp.step.constants import bounds
+from ergoqp.step.model import StepModel
 
 PERIOD: Final = 0.2
 """Time between two comparisons [s]."""
@@ -32,9 +30,6 @@ BEYOND: Final = 3
 DOUBTED: Final = 4
 AGREED: Final = 5
 """Numbers of comparisons."""
-
-_FAR: Final = (0.38, float(np.radians(60.0)))
-"""Honest people are within this distance [m] and angle [rad], and less of both at once."""
 
 _WALKED: Final = (0.9, float(np.radians(90.0)))
 """The same after they have walked."""
@@ -51,28 +46,8 @@ _UNIT: Final = 10.0
 _NEAR: Final = (0.15, float(np.radians(20.0)))
 """A smaller difference is not looked into, which saves time."""
 
-FRAMES: Final[Sizes] = {
-    "wait": (1, 1),  # time until the next comparison [s]
-    "beyond": (1, 1),  # comparisons beyond honest people, less those within them since
-    "doubted": (1, 1),  # the same of those that nothing explains
-    "agreed": (1, 1),  # comparisons within honest people in a row; stays at `AGREED`
-    "distance": (1, 1),  # of the last comparison [m]
-    "angle": (1, 1),  # the same of the tool's axis [rad]
-}
-"""What the comparison keeps; all zero at first."""
-
 VERDICTS: Final = slice(1, 3)
 """What of it says that frames are wrong."""
-
-
-def bounds(problem: Problem) -> tuple[float, float]:
-    """Return the distance [m] and the angle [rad] up to which posture and pose may be apart."""
-    frames = problem.frames
-    if frames.spread is None or frames.spread_deg is None:
-        return _FAR
-    # Calibrated with this person, whose other rests are up to twice as far off; and noise.
-    far = max(0.20, 0.10 + 2.5 * frames.spread), max(45.0, 25 + 1.5 * frames.spread_deg)
-    return min(_FAR[0], far[0]), min(_FAR[1], float(np.radians(far[1])))
 
 
 def compared_frames(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:

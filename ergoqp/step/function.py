@@ -35,9 +35,9 @@ from ergoqp.step.certification import amiss, judge_function, shortened
 from ergoqp.step.constants import constants_of
 from ergoqp.step.delay import landing, next_history, under_way
 from ergoqp.step.faults import taken_over, watch
-from ergoqp.step.frames_check import BEYOND, FRAMES, compared_frames
+from ergoqp.step.frames_check import BEYOND, compared_frames
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
-from ergoqp.step.layout import CLOCK_ROUNDING, count, initial_history, joined, split
+from ergoqp.step.layout import CLOCK_ROUNDING, FRAMES, count, initial_history, joined, split
 from ergoqp.step.model import StepModel, callers
 from ergoqp.step.objective import cost_function, gain_function
 from ergoqp.step.qp import QP_DATA, away_function, solve_passes
@@ -324,12 +324,24 @@ def shared_step(
 
 
 def build_step(
-    problem: Problem, solver: QpSolver, name: str = "step", guided: bool = False, **form: bool
+    problem: Problem,
+    solver: QpSolver,
+    name: str = "step",
+    guided: bool = False,
+    unrolled: bool = False,
+    every_branch: bool = False,
+    formulated: bool = False,
 ) -> ca.Function:
     """Return `build_shared_step` with the numbers of the problem, a function of `INPUTS`."""
-    return bound_step(
-        problem, build_shared_step(problem, solver, guided=guided, **form), name, guided
+    shared = build_shared_step(
+        problem,
+        solver,
+        guided=guided,
+        unrolled=unrolled,
+        every_branch=every_branch,
+        formulated=formulated,
     )
+    return bound_step(problem, shared, name, guided)
 
 
 def bound_step(problem: Problem, shared: ca.Function, name: str, guided: bool) -> ca.Function:

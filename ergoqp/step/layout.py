@@ -82,8 +82,7 @@ class History:
     Attributes:
         planned: number of planned twists.
         sent: number of sent twists.
-        planned_counted: number of planned twists that count.
-        sent_counted: number of sent twists that count.
+        counted: number of ``planned`` and ``sent`` twists that count.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -93,9 +92,9 @@ class History:
             return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
 
         self._robot = problem.robot
-        self.planned_counted = 1 + periods(problem.average)
-        self.sent_counted = 1 + periods(problem.robot.dead_time)
-        self.planned, self.sent = _rounded(self.planned_counted), _rounded(self.sent_counted)
+        seconds = {"planned": problem.average, "sent": problem.robot.dead_time}
+        self.counted = {name: 1 + periods(each) for name, each in seconds.items()}
+        self.planned, self.sent = map(_rounded, self.counted.values())
 
     def constants(self) -> dict[str, np.ndarray]:
         """Return which of the entries count, by name; no entry where there is only one.
@@ -104,16 +103,17 @@ class History:
         sent ones that does. The rows of ``ends`` choose, of the ages of the ends of periods (3, n):
         those that must not be younger than the mean, now and in a period, and than the dead time.
         """
+        planned, sent = self.counted.values()
         found = {
-            "planned": (np.arange(self.planned) < self.planned_counted).astype(float),
-            "sent": (np.arange(self.sent) < self.sent_counted).astype(float),
-            "oldest": (np.arange(self.sent) == self.sent_counted - 1).astype(float),
+            "planned": (np.arange(self.planned) < planned).astype(float),
+            "sent": (np.arange(self.sent) < sent).astype(float),
+            "oldest": (np.arange(self.sent) == sent - 1).astype(float),
         }
         ends = np.zeros((3, self.ages))
         if self.planned > 1:
-            ends[0, self.planned_counted - 2] = ends[1, self.planned_counted - 3] = 1.0
+            ends[0, planned - 2] = ends[1, planned - 3] = 1.0
         if self.sent > 1:
-            ends[2, self.sent_counted - 2] = 1.0
+            ends[2, sent - 2] = 1.0
         return found | {"ends": ends}
 
     @property
@@ -282,6 +282,17 @@ ASTRAY: Final = 7
 """Size of how far the object may be from its computed pose: along x, y and z and against them [m],
 and by what angle [rad].
 """
+
+
+FRAMES: Final[Sizes] = {
+    "wait": (1, 1),  # time until the next comparison [s]
+    "beyond": (1, 1),  # comparisons beyond honest people, less those within them since
+    "doubted": (1, 1),  # the same of those that nothing explains
+    "agreed": (1, 1),  # comparisons within honest people in a row; stays at `AGREED`
+    "distance": (1, 1),  # of the last comparison [m]
+    "angle": (1, 1),  # the same of the tool's axis [rad]
+}
+"""What the comparison of posture and pose keeps; all zero at first."""
 
 
 def watch_blocks(problem: Problem) -> dict[str, Sizes]:

@@ -25,9 +25,9 @@ from ergoqp.limits.twist_and_stopping import Braking, Stop
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import SOLVER, interrupted
 from ergoqp.step.constants import Constants, constants_of, prefix_of, shares
-from ergoqp.step.frames_check import FRAMES
 from ergoqp.step.layout import (
     ASTRAY,
+    FRAMES,
     History,
     PendingMotionLayout,
     Sizes,
@@ -240,6 +240,23 @@ class StepModel:
         """The numbers of the problem that are inputs of the functions if these are `shared`."""
         return constants_of(self.problem)
 
+    def usual(self, size: int, at: Mapping[str, slice]) -> np.ndarray:
+        """Return the usual inputs of a step, one after the other, with its constants.
+
+        Args:
+            size: number of all entries.
+            at: their places by name.
+        """
+        given = np.zeros(size)
+        for name in ("observed", "frame", "enable"):
+            given[at[name]] = 1.0
+        given[at["dt"]] = self.problem.dt
+        for name, value in self.constants.items():
+            # A function may have the numbers of its problem in itself.
+            if name in at:
+                given[at[name]] = value.ravel(order="F")
+        return given
+
     def if_needed(self, needed: ca.MX) -> ca.MX:
         """Return the condition of a branch that takes longer than the other."""
         return ca.MX(1) if self.every_branch else needed
@@ -376,7 +393,7 @@ class StepModel:
 
     def cost(self, signals: Mapping[str, Any], posture: ca.MX) -> ca.MX:
         """Return V of a posture (n,)."""
-        cost = self.problem.cost
+        cost: Any = self.problem.cost
         if not (self.shared and shares(cost)):
             return cost.expression(posture)
         return cost.shared(posture, *(signals[f"cost_{name}"] for name in cost.constants()))
@@ -396,7 +413,7 @@ class StepModel:
     @cached_property
     def pattern(self) -> ca.SX:
         """S at a symbolic posture. It shows which entries are always zero."""
-        response = self.problem.response
+        response: Any = self.problem.response
         function = response.shared()[0] if shares(response) else response.sensitivity()
         symbols = [ca.SX.sym("i", *function.size_in(i)) for i in range(function.n_in())]
         return function.call(symbols, True)[0]
@@ -492,7 +509,7 @@ class StepModel:
             held: whether the robot holds once what is under way, if that is declared.
             numbers: where the constants of the limits are. None: in `signals`.
         """
-        given = signals if numbers is None else numbers
+        given: Any = signals if numbers is None else numbers
         swing = change = ca.SX(6, 1)
         if brake is not None:
             swing, change = signals["previous"] * brake.swing, brake.change

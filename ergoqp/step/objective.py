@@ -67,8 +67,8 @@ def cost_function(model: StepModel, with_slope: bool = False) -> ca.Function:
 
 def _value_and_gradient(model: StepModel, mx: Signals, q: ca.MX) -> tuple[ca.MX, ca.MX]:
     if _is_dense(model.problem):
-        # Dense costs have this member.
-        return model.problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue]
+        cost: Any = model.problem.cost
+        return cost.value_and_gradient(q)
     value = model.cost(mx, q)
     return value, ca.gradient(value, q)
 

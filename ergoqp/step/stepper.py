@@ -139,14 +139,7 @@ class Stepper:
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
-        usual = np.zeros(self._given.size)
-        for name in ("observed", "frame", "enable"):
-            usual[self._at[name]] = 1.0
-        usual[self._at["dt"]] = self.dt
-        for name, value in self._model.constants.items():
-            # A function may have the numbers of the problem in itself.
-            if name in self._at:
-                usual[self._at[name]] = value.ravel(order="F")
+        usual = self._model.usual(self._given.size, self._at)
         if place is not None:
             usual = self._led(usual, place)
         self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
@@ -165,7 +158,6 @@ class Stepper:
         # The slice of each input, and of each part of the state within the state.
         self._inputs, self._at, self._parts = evaluator.inputs, evaluator.places, self._model.places
         self._numbers = evaluator.numbers
-        self._recorded = [name for name in self._at if name not in self._model.constants]
         if type(self._solver) is not Daqp:
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
@@ -312,9 +304,8 @@ class Stepper:
     @property
     def still(self) -> bool:
         """Whether the object is at rest: no twist was planned or sent that still moves it."""
-        state, at, history = self._ready[1], self._parts, self._model.history
-        planned, sent = 6 * history.planned_counted, 6 * history.sent_counted
-        return not (state[at["planned"]][:planned].any() or state[at["sent"]][:sent].any())
+        state, at, counted = self._ready[1], self._parts, self._model.history.counted
+        return not any(state[at[name]][: 6 * count].any() for name, count in counted.items())
 
     @property
     def evaluator(self) -> Evaluator:
@@ -616,7 +607,8 @@ class Stepper:
     def _record(self, notes: dict[str, str], **more: bool) -> None:
         """Give the inputs to the log; a failing log is noted."""
         entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes), **more}
-        entry |= {name: self._inputs[name].tolist() for name in self._recorded}
+        names = [name for name in self._inputs if name not in self._model.constants]
+        entry |= {name: self._inputs[name].tolist() for name in names}
         try:
             if self._log is not None:
                 self._log(entry)

@@ -420,11 +420,12 @@ def test_every_object_with_a_straight_way_out_comes_out() -> None:
 
 def test_outside_of_all_regions_nothing_is_led() -> None:
     problem = scene([EDGE, *NESTED])
-    way_of, pose = problem.way_out.function, np.eye(4)  # type: ignore[union-attr]
+    way_out, pose = problem.way_out, np.eye(4)
+    assert way_out is not None
     for place in np.random.default_rng(0).uniform(0, 1, (300, 3)):
         pose[:3, 3] = place
         inside = distances([EDGE, *NESTED], place[None]).min() < -1e-6
-        assert np.any(np.array(way_of(pose))) == inside
+        assert np.any(np.array(way_out.function(pose, way_out.numbers))) == inside
 
 
 @pytest.mark.slow
