@@ -43,8 +43,12 @@ def data_folder(name: str) -> Path:
 
 
 def cache_folder() -> Path:
-    """Return the user's cache folder for ergoqp: below ``XDG_CACHE_HOME``, else ``~/.cache``."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ergoqp"
+    """Return the user's cache folder for ergoqp: below ``XDG_CACHE_HOME``, else ``~/.cache``.
+
+    A relative ``XDG_CACHE_HOME`` is ignored, as the XDG Base Directory Specification demands.
+    """
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else Path.home() / ".cache") / "ergoqp"
 
 
 GROUPS: Final = {

@@ -19,6 +19,7 @@ from typing import Final
 import casadi as ca
 
 from ergoqp.errors import ErgoqpError, last_line
+from ergoqp.native.cache import Entry
 from ergoqp.registry import cache_folder
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.solver import Shapes, shapes_of
@@ -159,52 +160,30 @@ def _built(
     key = hashlib.sha256("\0".join(parts).encode())
     for archive in archives:
         key.update(archive.read_bytes())
-    cache = cache_folder() / "compiled"
-    folder = cache / key.hexdigest()[:32]
-    try:
-        if (kept := _whole(folder, name, ending)) is not None:
-            return kept
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=cache) as scratch:
-            for file, text in sources.items():
-                (Path(scratch) / file).write_text(text, encoding="utf-8")
-            units = [file for file in sources if file.endswith(".c")]
-            folders = [f"-I{each}" for each in (scratch, *includes)]
-            _run(
-                [*command, *flags, *folders, *units, *map(str, archives), "-lm", "-o", "made"],
-                scratch,
+    entry = Entry(key.hexdigest()[:32], name, ending)
+
+    def make(scratch: Path) -> Path:
+        for file, text in sources.items():
+            (scratch / file).write_text(text, encoding="utf-8")
+        units = [file for file in sources if file.endswith(".c")]
+        folders = [f"-I{each}" for each in (scratch, *includes)]
+        _run(
+            [*command, *flags, *folders, *units, *map(str, archives), "-lm", "-o", "made"], scratch
+        )
+        made = scratch / "made"
+        if not made.is_file() or not made.stat().st_size:
+            raise CompilerError(
+                f"C compiler: {shlex.join(command)!r} wrote no file; name a C compiler in CC"
             )
-            made = Path(scratch) / "made"
-            if not made.is_file() or not made.stat().st_size:
-                raise CompilerError(
-                    f"C compiler: {shlex.join(command)!r} wrote no file; name a C compiler in CC"
-                )
-            path = folder / f"{name}-{_digest(made)}{ending}"
-            folder.mkdir(exist_ok=True)
-            # Renaming is atomic: another process finds the whole file or none.
-            made.replace(path)
+        return made
+
+    try:
+        return entry.find() or entry.build(make)
     except OSError as error:
         raise CompilerError(
-            f"compiled {name}: the cache {str(cache)!r} cannot be written:"
-            f" {error.strerror or error}; give a folder with room, below XDG_CACHE_HOME or ~/.cache"
+            f"compiled {name}: the cache {str(cache_folder() / 'compiled')!r} cannot be used:"
+            f" {error.strerror or error}; give a folder of your own with room in XDG_CACHE_HOME"
         ) from None
-    return path
-
-
-def _whole(folder: Path, name: str, ending: str) -> Path | None:
-    """Return the built file in a folder if its content is unchanged since it was written.
-
-    Loading a truncated library would end the process.
-    """
-    for path in sorted(folder.glob(f"{name}-*{ending}")):
-        if path.stem == f"{name}-{_digest(path)}":
-            return path
-        path.unlink()
-    return None
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
 
 
 @lru_cache(maxsize=4)
@@ -213,7 +192,7 @@ def _version(command: tuple[str, ...]) -> str:
     return shown.stdout.splitlines()[0] if shown.stdout else "unknown"
 
 
-def _done(command: list[str], folder: str | None = None) -> subprocess.CompletedProcess[str]:
+def _done(command: list[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
     try:
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     except OSError as error:
@@ -222,7 +201,7 @@ def _done(command: list[str], folder: str | None = None) -> subprocess.Completed
         ) from None
 
 
-def _run(command: list[str], folder: str) -> None:
+def _run(command: list[str], folder: Path) -> None:
     done = _done(command, folder)
     if done.returncode:
         lines = [
