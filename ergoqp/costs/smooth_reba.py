@@ -338,9 +338,10 @@ class SmoothReba:
     def constants(self) -> dict[str, np.ndarray]:
         """Return the numbers of the cost: all in which two with the same options differ.
 
-        They are the further inputs of `shared`: ``cells``, the final table with its rows and
-        columns moved by load and coupling, as the first cell and the rises of each row; and for
-        each scale, one after the other, its ``rates``, and the ``ends`` of all bands; ``shares``.
+        They are the further inputs of `shared`: ``cells`` (a, b), the final table with its rows and
+        columns moved by load and coupling, as the first cell and the rises of each row; for each
+        scale, one after the other, its ``rates`` (k,) and the ``ends`` of all bands (k n,); and its
+        ``shares`` (k,).
         """
         edges = np.array(_edges(self._reading.sheet)[0])
         rates, ends = list[float](), list[np.ndarray]()

@@ -278,7 +278,10 @@ class KeepOut:
         """Return None: nothing is computed beforehand."""
 
     def constants(self) -> dict[str, np.ndarray]:
-        """Return the numbers of a region of the package. Others have them in their expressions."""
+        """Return the numbers of a region of the package, each of shape (3,) or (1,).
+
+        Other regions have them in their expressions.
+        """
         region: Any = self.region
         return region.constants() if type(region) in (HalfSpace, Ball, Box) else {}
 

@@ -96,7 +96,7 @@ class LimitContext:
     overshoot_angle: Expression | None = None
     overshoot: Expression | None = None
     overshoot_bound: Expression | None = None
-    numbers: Callable[[Any], Any] = lambda limit: None
+    numbers: Callable[[Any], Any] | None = None
 
     def given(self, limit: Any) -> Any:
         """Return the numbers of a limit, by their names in `Limit.constants`.
@@ -104,7 +104,7 @@ class LimitContext:
         In the step they are inputs of its functions, so that one function serves all problems that
         differ in numbers only. Elsewhere they are the numbers themselves.
         """
-        symbols = self.numbers(limit)
+        symbols = None if self.numbers is None else self.numbers(limit)
         if symbols is not None:
             return symbols
         return SimpleNamespace(**{n: ca.DM(value) for n, value in limit.constants().items()})

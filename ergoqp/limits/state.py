@@ -244,7 +244,7 @@ class ArmLength:
         """Return None: nothing is computed beforehand."""
 
     def constants(self) -> dict[str, np.ndarray]:
-        """Return the ``length`` [m]."""
+        """Return the ``length`` (1,) [m]."""
         return {"length": np.array([self.length])}
 
     def rows(self, context: LimitContext) -> Rows:

@@ -533,7 +533,8 @@ class IkResponse:
     def constants(self) -> dict[str, np.ndarray]:
         """Return the numbers of the person, by name: all in which two of one kind differ.
 
-        They are the further inputs of the functions of `shared`.
+        They are the further inputs of the functions of `shared`: ``offsets`` (m,) [m],
+        ``weights`` and ``comfort`` (32,), and single numbers (1,).
         """
         seat = self.seat if self.stance == "seated" else 0.0
         names = ("balance", "relaxation_time", "damping", "attention")

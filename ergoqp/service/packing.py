@@ -25,6 +25,8 @@ from ergoqp.service.reasons import SETTLED
 from ergoqp.service.schema import TEXT, VERSION, Ask, Frame, Mark, Tell
 from ergoqp.step.certification import longest_stop
 from ergoqp.step.frames_check import DOUBTED
+from ergoqp.step.function import INPUTS
+from ergoqp.step.guide import GUIDE_INPUTS
 from ergoqp.step.layout import FRAMES, SHORTEST_DT, places
 from ergoqp.step.rows import limit_values
 from ergoqp.step.stepper import Stepper
@@ -132,7 +134,8 @@ class Packing:
             "from_causes": found["causes"].start,
             "from_doubted": found["frames"].start + DOUBT,
             "from_drawn": found["drawn"].start if "drawn" in found else -1,
-            "inputs": given.size,
+            # The numbers of the problem come after them, and stay.
+            "inputs": max(into[name].stop for name in (*INPUTS, *GUIDE_INPUTS) if name in into),
             "to_state": into["state"].start,
             "states": into["state"].stop - into["state"].start,
             "request_length": request.length,

@@ -241,21 +241,30 @@ class StepModel:
         return constants_of(self.problem)
 
     def usual(self, size: int, at: Mapping[str, slice]) -> np.ndarray:
-        """Return the usual inputs of a step, one after the other, with its constants.
+        """Return the usual inputs of a step but its constants, one after the other.
 
         Args:
-            size: number of all entries.
+            size: number of their entries.
             at: their places by name.
         """
         given = np.zeros(size)
         for name in ("observed", "frame", "enable"):
             given[at[name]] = 1.0
         given[at["dt"]] = self.problem.dt
-        for name, value in self.constants.items():
-            # A function may have the numbers of its problem in itself.
-            if name in at:
-                given[at[name]] = value.ravel(order="F")
         return given
+
+    def fill(self, given: np.ndarray, at: Mapping[str, slice]) -> int:
+        """Write the constants to the inputs of a step; return how many entries come before them.
+
+        Args:
+            given: all inputs, one after the other.
+            at: their places by name.
+        """
+        # A function may have the numbers of its problem in itself.
+        inputs = [name for name in self.constants if name in at]
+        for name in inputs:
+            given[at[name]] = self.constants[name].ravel(order="F")
+        return at[inputs[0]].start if inputs else given.size
 
     def if_needed(self, needed: ca.MX) -> ca.MX:
         """Return the condition of a branch that takes longer than the other."""

@@ -53,8 +53,8 @@ Ready: TypeAlias = tuple[np.ndarray, np.ndarray, Mapping[str, str], Frame]
 
 It is never written to, but replaced as one, as the last operation of a call. So an exception at any
 point of a call (a signal handler, Ctrl-C) leaves the stepper as it was before the call. The usual
-inputs are all inputs of the function, one after the other, with the guide; the notes say what was
-wrong with the guide. A plain tuple is the fastest to make.
+inputs are all inputs of the function but the numbers of the problem, one after the other, with the
+guide; the notes say what was wrong with the guide. A plain tuple is the fastest to make.
 """
 
 LogSink = Callable[[dict[str, Any]], None]
@@ -139,7 +139,7 @@ class Stepper:
         self._closed_stop = stop_function(self._model) if closed else None
         self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
-        usual = self._model.usual(self._given.size, self._at)
+        usual = self._model.usual(self._own.size, self._at)
         if place is not None:
             usual = self._led(usual, place)
         self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
@@ -158,6 +158,8 @@ class Stepper:
         # The slice of each input, and of each part of the state within the state.
         self._inputs, self._at, self._parts = evaluator.inputs, evaluator.places, self._model.places
         self._numbers = evaluator.numbers
+        # The numbers of the problem come last, and are never written again.
+        self._own = self._given[: self._model.fill(self._given, self._at)]
         if type(self._solver) is not Daqp:
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
@@ -576,7 +578,7 @@ class Stepper:
 
     def _begin_call(self, ready: Ready) -> dict[str, str]:
         """Set every input of the function anew; return the notes of the call."""
-        self._given[:], self._state_in[:] = ready[0], ready[1]
+        self._own[:], self._state_in[:] = ready[0], ready[1]
         notes = {**ready[2]}
         if self._slow:
             notes["slow"] = self._slow
