@@ -69,6 +69,11 @@ def read_choice(value: Any) -> Choice:
         raise InputError(f"compiled: got {shown(value)}, allowed 'auto', True or False") from None
 
 
+def may_compile_beside() -> bool:
+    """Return whether the user allows to compile in the background."""
+    return os.environ.get(_SWITCH) != "never"
+
+
 def engine_of(function: ca.Function) -> str:
     """Return how a function of the step is computed: ``"interpreted"`` or ``"compiled"``."""
     from ergoqp.native.compiled import library_of
@@ -94,7 +99,7 @@ class Engine:
         self._problem, self._solver, self._guided = problem, solver, guided
         self._choice, daqp = choice, type(read_solver(solver)) is Daqp
         self._key = self._short_key() if daqp and choice is not False else None
-        self.waits = daqp and choice == "auto" and os.environ.get(_SWITCH) != "never"
+        self.waits = daqp and choice == "auto" and may_compile_beside()
         self._stepped, self._last = 0.0, time.perf_counter()
         self._thread: threading.Thread | None = None
         self._ready: tuple[ca.Function, Stop | None] | None = None

@@ -264,3 +264,34 @@ def test_the_process_that_compiles_has_the_lowest_priority(monkeypatch):
     with pytest.raises(SystemExit, match="enough"):
         engine.compile_ordered()
     assert found == [19]
+
+
+@pytest.mark.parametrize(("switch", "calls"), [("never", 0), ("", 1)])
+def test_the_service_compiles_beside_serving_unless_that_is_forbidden(
+    switch, calls, monkeypatch, tmp_path
+):
+    from typer.testing import CliRunner
+
+    from ergoqp.cli import serve
+    from ergoqp.cli.main import app
+
+    class Supervised:
+        listeners = ()
+        begun = 0
+
+        def __init__(self, *_):
+            pass
+
+        def open_json_door(self, _):
+            return []
+
+        def compile_beside(self):
+            Supervised.begun += 1
+
+        def run(self):
+            pass
+
+    monkeypatch.setattr(serve, "Supervisor", Supervised)
+    monkeypatch.setenv("ERGOQP_COMPILE", switch)
+    done = CliRunner().invoke(app, ["serve", "forearm", "--dir", str(tmp_path / "s")])
+    assert (done.exit_code, Supervised.begun) == (0, calls), done.output
