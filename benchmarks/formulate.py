@@ -249,7 +249,7 @@ def same(solved: Solved) -> bool:
 
 
 def _step_us() -> float:
-    stepper = Stepper(load_problem("screwing"))
+    stepper = Stepper(load_problem("screwing"), compiled=False)
     posture = np.array(stepper.problem.response.comfort)  # pyright: ignore
     return 1e6 * float(np.median([stepper.step(posture).solve_time for _ in range(500)]))
 

@@ -60,7 +60,7 @@ def machine(count: int) -> tuple[Svr, object]:
 
 def step_times(problem: Problem, steps: int) -> NDArray[np.float64]:
     """Return the times of so many steps near an awkward posture [us]."""
-    stepper, rng = Stepper(problem), np.random.default_rng(0)
+    stepper, rng = Stepper(problem, compiled=False), np.random.default_rng(0)
     posture = problem.response.comfort + 0.15  # type: ignore[attr-defined]
     pose = stepper.step(posture).pose
     times = []

@@ -140,7 +140,7 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
     if "daqp" not in qpsolvers.available_solvers:
         return None
     data, n, asked, previous = qp_data(problem), len(problem.coordinates), [], np.zeros(6)
-    stepper = Stepper(problem)
+    stepper = Stepper(problem, compiled=False)
     for posture, pose, age in calls:
         unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
@@ -176,7 +176,7 @@ def measure(report: Report) -> None:
     medians: dict[str, float] = {}
     for name in ("screwing", *(other for other in TASKS if other != "screwing")):
         problem = load_problem(name)
-        stepper = Stepper(problem)
+        stepper = Stepper(problem, compiled=False)
         recorder = trajectory(problem, stepper, duration if name == "screwing" else duration / 2)
         whole, alone = time_calls(stepper, recorder.calls)
         kinds = {
@@ -208,7 +208,7 @@ def _peers(report: Report, median: float) -> None:
     Also report what others need for the same.
     """
     problem = load_problem("screwing")
-    calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
+    calls = trajectory(problem, Stepper(problem, compiled=False), report.pick(20.0, 100.0)).calls
     phases = phases_us(problem, calls)
     for name, value in phases.items():
         report.figure(f"phase_{name}_us", value)
@@ -254,7 +254,7 @@ def _peers(report: Report, median: float) -> None:
     _stop(report, problem)
     _largest(report, problem)
     problem = sent_as_planned(problem)
-    calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
+    calls = trajectory(problem, Stepper(problem, compiled=False), report.pick(20.0, 100.0)).calls
     peer = mink_steps(problem, calls, "arm")
     report.figure(
         "mink_us",
@@ -313,7 +313,7 @@ def _stop(report: Report, problem: Problem) -> None:
     fast.restore(given[-1])
     rows = len(fast.stop())
     report.figure("stop_us", stop_us(fast, given), f"Stepper.stop, compiled, {rows} twists")
-    loop = stop_us(Stepper(problem), given[:20])
+    loop = stop_us(Stepper(problem, compiled=False), given[:20])
     report.figure("stop_loop_us", loop, "the loop of brake, interpreted")
     for name, each in (("stop_c_us", problem), ("stop_c_us.1ms", problem.replace(dt=0.001))):
         us, rows = stop_c_us(each, from_full_speed(each, 200))

@@ -42,9 +42,9 @@ double timed(const double* states, int size, int count, int planned, int sent, d
 def kinds(problem: Problem) -> dict[str, Stepper]:
     """Return a stepper of a problem as it is, with a guide, and with a declared robot."""
     return {
-        "plain": Stepper(problem),
-        "guided": Stepper(problem, guide=a_place(problem)),
-        "declared": Stepper(problem.replace(robot=DeclaredRobot(**ALL))),
+        "plain": Stepper(problem, compiled=False),
+        "guided": Stepper(problem, compiled=False, guide=a_place(problem)),
+        "declared": Stepper(problem.replace(robot=DeclaredRobot(**ALL)), compiled=False),
     }
 
 

@@ -365,6 +365,16 @@ class Evaluator:
         self.outputs = {name: self.results[part] for name, part in self.slices.items()}
         self._buffer, self.evaluate = _bound(function, self.inputs.values(), self.outputs.values())
 
+    def replace(self, function: ca.Function) -> None:
+        """Call another function of the same inputs and outputs from now on, with these arrays.
+
+        What `evaluate` was before stays usable.
+        """
+        if function is self._function:
+            return
+        self._before, self._function = self._buffer, function
+        self._buffer, self.evaluate = _bound(function, self.inputs.values(), self.outputs.values())
+
     def stats(self) -> dict[str, Any]:
         """Return CasADi's statistics of the last call."""
         return self._buffer.stats()

@@ -34,9 +34,10 @@ def steps_of_a_file_are_built_once() -> Iterator[None]:
     """Share the step function, which has no state, among the steppers of equal problems in a file.
 
     Building takes most of the time of a short test. Every file builds its own, so that what a test
-    runs is known by its file.
+    runs is known by its file. Nor does it depend on what the cache of compiled steps holds: steps
+    are interpreted unless a test asks for something else.
     """
-    from ergoqp.step import stepper
+    from ergoqp.step import engine, stepper
     from ergoqp.step.model import callers
 
     build, built = stepper.shared_step, {}
@@ -54,8 +55,13 @@ def steps_of_a_file_are_built_once() -> Iterator[None]:
             built[key] = build(problem, **options)
         return built[key]
 
+    def interpreted(value: Any) -> Any:
+        choice = engine.read_choice(value)
+        return False if choice == "auto" else choice
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stepper, "shared_step", once)
+        patch.setattr(stepper, "read_choice", interpreted)
         yield
 
 

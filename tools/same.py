@@ -13,8 +13,6 @@ same inputs then go through the step of both trees, on this machine:
   the exported C, and of the step with a place given and a robot declared.
 - ``twist_difference``, ``status_differ``: where bits differ, the largest difference of a twist
   [m/s, rad/s], and the inputs after which status or causes differ, over all these forms.
-- ``forms_differ``: inputs after which any bit of the compiled or of the exported step is another
-  than that of the interpreted one, of this commit.
 - ``recordings``, ``differ.scores``: recordings of the shared folder, and those whose exit status
   or ``scores.csv`` is another; every one is scored by ``ergoqp score`` of both trees.
 - ``refused``: inputs that were answered with ``braking`` or ``invalid``; ``moving``: with a twist
@@ -286,7 +284,7 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
         report.figure("differ.scores", len(other), ", ".join(other))
         for kind in kinds:
             differ = {
-                name: _differ(folder, name, f"before_{kind}", f"after_{kind}") for name in names
+                name: differing(folder, name, f"before_{kind}", f"after_{kind}") for name in names
             }
             report.figure(
                 f"differ.{kind}",
@@ -296,13 +294,9 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
         apart = [_apart(folder, name, kind) for name in names for kind in kinds]
         report.figure("twist_difference", max(twist for twist, _ in apart), "of all forms")
         report.figure("status_differ", sum(count for _, count in apart), "of all forms")
-        forms = [kind for kind in ("compiled", "exported") if kind in kinds and "plain" in kinds]
-        pairs = [(name, form) for name in names for form in forms]
-        apart = [_differ(folder, name, "after_plain", f"after_{form}") for name, form in pairs]
-        report.figure("forms_differ", sum(apart), f"{', '.join(forms)} to interpreted")
 
 
-def _differ(folder: Path, name: str, *answers: str) -> int:
+def differing(folder: Path, name: str, *answers: str) -> int:
     """Return the number of inputs after which two answers, ``OUT_KIND`` each, are not the same."""
     one, other = (_kept(folder, name, answer)["results"] for answer in answers)
     return sum(a.tobytes() != b.tobytes() for a, b in zip(one, other, strict=True))

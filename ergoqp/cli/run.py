@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from rich.console import Console
@@ -30,8 +30,6 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.lab.yardstick import rule_pose
-from ergoqp.mocap import Recording
-from ergoqp.mocap.recorded import as_recorded
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.messages import nearest_first
@@ -47,6 +45,9 @@ from ergoqp.simulation.people import kinds, person_of_kind
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.guide import Guide, read_guide
+
+if TYPE_CHECKING:
+    from ergoqp.mocap import Recording
 
 ABOUT = """Run the closed loop of a problem with a simulated person who follows the object.
 
@@ -175,6 +176,8 @@ def command(
                 f" {taken.time[frame]:.2f} s: REBA {score_words(problem, taken.postures[frame])}"
             )
         )
+        from ergoqp.mocap.recorded import as_recorded  # slow to import, and needed by few runs
+
         problem, posture, notes = as_recorded(problem, taken, frame)
         begin = partial(
             _as_recorded, problem, taken, recording.name, frame, posture, notes, seed, simulated

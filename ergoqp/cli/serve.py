@@ -20,6 +20,7 @@ from ergoqp.service.stdio import serve_stdio
 from ergoqp.service.supervisor import MOST_WORKERS, Supervisor, say
 from ergoqp.service.systemd import units
 from ergoqp.service.tcp import read_port
+from ergoqp.step.engine import may_compile_beside
 
 ABOUT = """Serve the control step of problems to other processes.
 
@@ -166,7 +167,7 @@ def command(
             raise
         # Another service of this folder has it; the loops have their own sockets.
         say(f"no lines of JSON: {error}")
-    if compiled is None:
+    if compiled is None and may_compile_beside():
         supervisor.compile_beside()
     supervisor.run()
 

@@ -119,7 +119,7 @@ def record(
     solver, log = RecordingSolver(), list[dict[str, Any]]()
     function, model = build_step(problem, solver), StepModel(problem)
     sizes = {name: model.size(name) for name in INPUTS}
-    stepper = Stepper(problem, log=log.append)
+    stepper = Stepper(problem, compiled=False, log=log.append)
     recordings, done = [], 0
     for loop in range(seed, seed + steps):
         log.clear()

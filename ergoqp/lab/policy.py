@@ -351,7 +351,8 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
     """
     if periods < 1:
         raise InputError(f"periods: got {periods!r}, allowed 1 or more")
-    stepper = Stepper(problem.replace(control=replace(problem.control, average=0.0)))
+    plain = problem.replace(control=replace(problem.control, average=0.0))
+    stepper = Stepper(plain, compiled=False)
     twists = []
     for posture in np.atleast_2d(np.asarray(postures, dtype=float)):
         stepper.reset()

@@ -33,6 +33,9 @@ LARGEST: Final = 48
 _REST: Final = 3600.0
 """For how long nothing is removed that was used [s]."""
 
+_NOTE: Final = ".key"
+"""Ending of a file that holds a key."""
+
 _MAPPED: Final = 65534
 """Who owns the system's folders in a container of a user without rights."""
 
@@ -119,6 +122,32 @@ def _machine() -> str:
     return f"{platform.machine()} {os.confstr(name) if name in os.confstr_names else ''}".strip()
 
 
+def remember(short: str, path: Path) -> None:
+    """Keep by which other key a file of the cache is found too, if the cache can be written to."""
+    with suppress(OSError):
+        note = path.parents[1] / f"{short}{_NOTE}"
+        scratch = note.with_suffix(f".{os.getpid()}")
+        scratch.write_text(path.parent.name, encoding="ascii")
+        scratch.replace(note)
+
+
+def remembered(short: str) -> str | None:
+    """Return the key of the file that another key was kept for, see `remember`.
+
+    Raises:
+        OSError: if others than the user can write to the cache.
+    """
+    cache = private_folder(make=False)
+    if cache is None:
+        return None
+    note = cache / f"{short}{_NOTE}"
+    try:
+        key = note.read_text(encoding="ascii") if _own(note, stat.S_ISREG) else ""
+    except (FileNotFoundError, ValueError):
+        return None
+    return key if key.isalnum() else None
+
+
 def private_folder(make: bool) -> Path | None:
     """Return the folder of the cache, in which nobody but the user can write.
 
@@ -168,17 +197,22 @@ def locked(path: Path) -> Iterator[None]:
 
 def _tidy(cache: Path) -> None:
     """Remove what compilers that were killed have left, and what was not used for the longest."""
-    before, kept = time.time() - _REST, list[tuple[float, Path]]()
-    for each in cache.iterdir():
-        with suppress(OSError):  # another process removes it too
-            used, path = each.lstat().st_mtime, each
-            if path.is_dir() and not path.name.startswith(("scratch-", "tmp")):
+    before, kept, notes = time.time() - _REST, list[tuple[float, Path]](), list[Path]()
+    with suppress(FileNotFoundError):  # another process removes something too
+        for path in cache.iterdir():
+            used = path.lstat().st_mtime
+            if path.suffix == _NOTE:
+                notes.append(path)
+            elif path.is_dir() and not path.name.startswith(("scratch-", "tmp")):
                 kept.append((used, path))
             elif used < before:
                 _remove(path)
-    for used, path in sorted(kept)[: max(0, len(kept) + 1 - LARGEST)]:
-        if used < before:
-            _remove(path)
+        for used, path in sorted(kept)[: max(0, len(kept) + 1 - LARGEST)]:
+            if used < before:
+                _remove(path)
+        for note in notes:
+            if not (cache / note.read_text(encoding="ascii", errors="replace")).is_dir():
+                note.unlink()
 
 
 def _remove(path: Path) -> None:

@@ -10,16 +10,18 @@ import shlex
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 
 from ergoqp.errors import ErgoqpError, last_line
-from ergoqp.native.cache import Entry
+from ergoqp.native.cache import Entry, locked, private_folder, remember, remembered
+from ergoqp.native.content import content_key
 from ergoqp.registry import cache_folder
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.solver import Shapes, shapes_of
@@ -69,12 +71,17 @@ class CompilerError(ErgoqpError):
 @lru_cache(maxsize=1)
 def processor_flags() -> tuple[str, ...]:
     """Return the compiler's flags for the processor of this machine, for what runs only here."""
+    return tuple(_V3.values()) if set(_V3) <= set(abilities()) else ()
+
+
+@lru_cache(maxsize=1)
+def abilities() -> tuple[str, ...]:
+    """Return what the processor of this machine can, in the words of Linux."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return ()
-    can = next((line.split() for line in lines if line.startswith("flags")), [])
-    return tuple(_V3.values()) if set(_V3) <= set(can) else ()
+    return next((tuple(line.split()) for line in lines if line.startswith("flags")), ())
 
 
 @lru_cache(maxsize=1)
@@ -177,8 +184,15 @@ def _built(
             )
         return made
 
-    try:
+    with _cache(name):
         return entry.find() or entry.build(make)
+
+
+@contextmanager
+def _cache(name: str) -> Iterator[None]:
+    """Say in one sentence why the cache cannot be used for what has a name."""
+    try:
+        yield
     except OSError as error:
         raise CompilerError(
             f"compiled {name}: the cache {str(cache_folder() / 'compiled')!r} cannot be used:"
@@ -379,7 +393,10 @@ def library_of(function: ca.Function) -> Path | None:
 
 
 def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
-    library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
+    return _external(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+
+
+def _external(name: str, library: Path) -> ca.Function:
     try:
         function = ca.external(name, str(library))
         _LIBRARIES[hash(function)] = function, library
@@ -388,6 +405,62 @@ def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
         raise CompilerError(
             f"compiled {name}: the library {str(library)!r} cannot be loaded: {last_line(error)}"
         ) from None
+
+
+def short_key(*made_from: Any) -> str | None:
+    """Return a key of a compiled function, without building it; None: only its C code is one.
+
+    Args:
+        made_from: all that the package makes the function from.
+    """
+    try:
+        tool = [*compiler(), *map(_identity, (shutil.which(compiler()[0]), daqp_archive()))]
+    except (CompilerError, OSError):
+        tool = []
+    return content_key(*made_from, tool, FLAGS, processor_flags(), abilities())
+
+
+def _identity(path: Any) -> str:
+    """Return what changes when a file is replaced by another one."""
+    found = os.stat(path)
+    return f"{os.path.realpath(path)} {found.st_size} {found.st_mtime_ns} {found.st_ctime_ns}"
+
+
+def found(name: str, key: str) -> ca.Function | None:
+    """Return the function that was compiled under a short key; None if it is not in the cache.
+
+    Raises:
+        CompilerError: if others can write to the cache, or the library cannot be loaded.
+    """
+    with _cache(name):
+        entry = remembered(key)
+        library = None if entry is None else Entry(entry, name, ".so").find()
+    return None if library is None else _external(name, library)
+
+
+@contextmanager
+def one_at_a_time(name: str) -> Iterator[None]:
+    """Wait until no other process of this user compiles in the background.
+
+    Args:
+        name: name of what is to be compiled.
+
+    Raises:
+        CompilerError: if the cache cannot be used.
+    """
+    with ExitStack() as stack:
+        with _cache(name):
+            folder = private_folder(make=True)
+            assert folder is not None
+            stack.enter_context(locked(folder / "background.lock"))
+        yield
+
+
+def keep(function: ca.Function, key: str) -> None:
+    """Let a compiled function be `found` under a short key."""
+    library = library_of(function)
+    assert library is not None
+    remember(key, library)
 
 
 def generated(function: ca.Function, name: str) -> dict[str, str]:

@@ -36,7 +36,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -44,13 +44,15 @@ from ergoqp._version import __version__
 from ergoqp.arguments import Progress, unseen
 from ergoqp.files.atomic import atomic_write, write_json
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.mocap import Recording
 from ergoqp.report import palette
 from ergoqp.report.between import risk_between
 from ergoqp.report.seen import blocks, frames_of, observed_shares
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import elevation_of
 from ergoqp.sheets.reba import Assessment
+
+if TYPE_CHECKING:
+    from ergoqp.mocap import Recording
 
 
 def write_scores(

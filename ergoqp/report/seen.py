@@ -7,17 +7,19 @@ A segment whose score is known without that needs no sensor: the legs of a seate
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import Progress, unseen
 from ergoqp.joints import SIDES
-from ergoqp.mocap import Recording
 from ergoqp.sheets.description import Segment
 from ergoqp.sheets.options import sheet_of
 from ergoqp.sheets.reba import Assessment
+
+if TYPE_CHECKING:
+    from ergoqp.mocap import Recording
 
 _BLOCK: Final = 4096
 """Frames per block; an hour of the scores of all segments at both ends would be 130 MB."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, OverflowMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.mocap import Recording
 from ergoqp.report import palette
 from ergoqp.report.between import (
     is_exact,
@@ -23,6 +22,9 @@ from ergoqp.report.run_facts import RunFacts, hint_of, told_of, violation_rows
 from ergoqp.report.scores import summary_of
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
+
+if TYPE_CHECKING:
+    from ergoqp.mocap import Recording
 
 
 def run_table(run: Run) -> RenderableType:

@@ -327,7 +327,7 @@ class _Replay:
             stepper = Stepper(problem, compiled=bool(engine), guide=guide)
         except CompilerError as error:
             self._note(f"Recorded with the compiled step, computed interpreted: {error}.")
-            stepper = Stepper(problem, guide=guide)
+            stepper = Stepper(problem, compiled=False, guide=guide)
         stepper.warm_up()
         return stepper
 

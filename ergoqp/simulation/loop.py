@@ -123,7 +123,7 @@ def run_loop(
             declares, with a gain drawn with the seed.
         beside: called after every period.
     """
-    controller = controller or Stepper(in_world(problem))
+    controller = controller or Stepper(in_world(problem), compiled=False)
     controller.reset()
     dt = controller.dt
     rng = np.random.default_rng([seed, 7])

@@ -73,7 +73,7 @@ def run_points(
     check_number("duration", duration, problem.dt, LONGEST, "s")
     if stop_when_still is not None:
         check_number("stop_when_still", stop_when_still, 0.0, LONGEST, "s")
-    stepper = stepper or Stepper(problem)
+    stepper = stepper or Stepper(problem, compiled=False)
     stepper.reset()
     checker, matrix, dt = Checker(problem), np.asarray(problem.response.matrix), stepper.dt
     states, twists, statuses, cost = [state], [], [], []

@@ -21,6 +21,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import infinite
 from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause
+from ergoqp.step.engine import Engine
 from ergoqp.step.function import build_shared_step
 from ergoqp.step.model import StepModel
 from ergoqp.step.qp import ELBOW, QP_DATA, slack_function
@@ -175,7 +176,7 @@ def _plain(value: Any) -> Any:
 class _FormulatedStep(Stepper):
     """A stepper whose function also gives the QP that it solves."""
 
-    def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
+    def _built(self, solver: Any, engine: Engine | None = None, spare: bool = False) -> ca.Function:
         problem, solver, guided = self.problem, self._solver, self._guided
         return build_shared_step(problem, solver, guided=guided, spare=spare, formulated=True)
 
@@ -210,7 +211,7 @@ class Formulator:
 
     def __init__(self, problem: Problem, guide: Any = None) -> None:
         """Build the function. This takes some tenths of a second."""
-        self._stepper = _FormulatedStep(problem, guide=guide)
+        self._stepper = _FormulatedStep(problem, compiled=False, guide=guide)
         self.problem = problem
         limits = [(limit, name) for limit in problem.row_limits for name in limit.names]
         movable = [limits[row] for row in StepModel(problem).movable]

@@ -336,6 +336,7 @@ def build_step(
     shared = build_shared_step(
         problem,
         solver,
+        "shared_step",
         guided=guided,
         unrolled=unrolled,
         every_branch=every_branch,
@@ -357,7 +358,7 @@ def bound_step(problem: Problem, shared: ca.Function, name: str, guided: bool) -
 def build_shared_step(
     problem: Problem,
     solver: QpSolver,
-    name: str = "shared_step",
+    name: str = "step",
     guided: bool = False,
     unrolled: bool = False,
     every_branch: bool = False,

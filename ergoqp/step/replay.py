@@ -22,8 +22,9 @@ def replay(
 
     The same inputs give the same answers, bit for bit (with ProxQP up to its last bits).
 
-    Period, solver and compilation are those of the logged loop. Every entry holds the whole state,
-    so steps that are missing in the log do not change the others.
+    Period and solver are those of the logged loop. It makes no difference which steps were
+    compiled. Every entry holds the whole state, so steps that are missing in the log do not change
+    the others.
 
     Args:
         problem: the problem of the logged loop.
@@ -35,7 +36,6 @@ def replay(
     Raises:
         InputError: if an entry does not come from such a loop, or if the logged loop had a solver
             that is an object and `solver` is None, or the other way around.
-        CompilerError: if the logged step was compiled, and there is no compiler here.
 
     Example:
         >>> import ergoqp
@@ -55,6 +55,7 @@ def replay(
     for number, entry in enumerate(log):
         try:
             loop, notes = dict(entry["loop"]), dict(entry["notes"])
+            loop.pop("compiled", None)  # in older logs
             guided = "guide" in entry
             stepper = steppers.get(key := repr((sorted(loop.items()), guided)))
             if stepper is None:

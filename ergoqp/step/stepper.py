@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from copy import copy
 from typing import Any, Final, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import (
-    check_called,
-    check_kind,
-    check_number,
-    flag,
-    read_array,
-    shown,
-)
+from ergoqp.arguments import check_called, check_kind, check_number, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions import Evaluator
 from ergoqp.problem.problem import Problem
@@ -28,7 +20,7 @@ from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause, Fault, Status
-from ergoqp.step.certification import stop_function
+from ergoqp.step.engine import Choice, Engine, closed_stop, engine_of, read_choice
 from ergoqp.step.frames_check import VERDICTS
 from ergoqp.step.function import build_shared_step, shared_step, state_at_start
 from ergoqp.step.given import number, put, truth
@@ -66,8 +58,8 @@ class Stepper:
     Args:
         problem: the task.
         solver: name of the QP solver, see `ergoqp.solvers`, or a `QpSolver` of your own.
-        compiled: whether to compile the step with the C compiler. The answers are the same, in a
-            fraction of the time.
+        compiled: whether to compile the step with the C compiler: True, False, or ``"auto"``, see
+            `ergoqp.step.engine`. The answers are the same, in a fraction of the time.
         dt: control period [s]. None: that of the problem.
         log: function that gets a dict of all inputs before every step; `ergoqp.replay` computes the
             same answers again from these. An exception in it is not passed on: the loop goes on,
@@ -102,7 +94,7 @@ class Stepper:
         self,
         problem: Problem,
         solver: str | QpSolver = "daqp",
-        compiled: bool = False,
+        compiled: Choice = "auto",
         dt: float | None = None,
         log: LogSink | None = None,
         guide: Any = None,
@@ -110,14 +102,14 @@ class Stepper:
     ) -> None:
         """Build the step function once.
 
-        This takes some tenths of a second. The first compilation takes some ten seconds.
+        This takes some tenths of a second, and with ``compiled=True`` some ten, the first time.
         """
         if dt is not None:
             check_number("dt", dt, *PERIODS, "s")
         if deadline is not None:
             check_number("deadline", deadline, SHORTEST_DT, LONGEST_DEADLINE, "s")
         check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
-        compiled = flag("compiled", compiled)
+        choice = read_choice(compiled)
         check_called("log", log, "a function that takes the record of a step")
         self.problem = problem if dt is None else problem.replace(dt=float(dt))
         self.dt = self.problem.dt
@@ -127,16 +119,17 @@ class Stepper:
         self._deadline = None if deadline is None else float(deadline)
         self._longest_stop = self.problem.stop.duration
         self._solver = read_solver(solver)
-        self._loop = {"dt": self.dt, "solver": self._solver.name, "compiled": compiled}
+        self._loop = {"dt": self.dt, "solver": self._solver.name}
         if not isinstance(solver, str):
             self._loop["own_solver"] = True
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
         self._model = StepModel(self.problem, self._guided)
         self._begin = state_at_start(self._model)
-        self._bind(self._built(solver, compiled))
-        closed = compiled and self.problem.surface is None
-        self._closed_stop = stop_function(self._model) if closed else None
+        engine = Engine(self.problem, solver, self._guided, choice)
+        self._bind(self._built(solver, engine))
+        self._later = engine if engine.waits else None
+        self._closed_stop = closed_stop(self._model) if self.engine == "compiled" else None
         self._slow = slowest(self.problem.own_times, self.dt)
         self._held = False
         usual = self._model.usual(self._own.size, self._at)
@@ -144,11 +137,12 @@ class Stepper:
             usual = self._led(usual, place)
         self._ready: Ready = usual, self._begin, {}, (np.zeros(self._shape), self._all)
 
-    def _built(self, solver: Any, compiled: bool = False, spare: bool = False) -> ca.Function:
+    def _built(self, solver: Any, engine: Engine | None = None, spare: bool = False) -> ca.Function:
         """Return the function of the step, or the one in which no term calls Python."""
         if spare:
             return build_shared_step(self.problem, self._solver, guided=self._guided, spare=True)
-        return shared_step(self.problem, solver, compiled, guided=self._guided)
+        compiled = None if engine is None else engine.compiled()
+        return compiled or shared_step(self.problem, solver, guided=self._guided)
 
     def _bind(self, function: ca.Function) -> None:
         """Set the function of the step, with its own arrays."""
@@ -186,11 +180,7 @@ class Stepper:
         closed form if there is a C compiler, as it always is by a compiled stepper.
         """
         self._brake(self._ready, self.dt, logged=False)
-        if self._closed_stop is None and self.problem.surface is None:
-            from ergoqp.native.compiled import CompilerError
-
-            with suppress(CompilerError):
-                self._closed_stop = stop_function(self._model)
+        self._closed_stop = self._closed_stop or closed_stop(self._model)
 
     def sibling(self) -> Stepper:
         """Return a stepper of another loop of the same problem, at its start, within microseconds.
@@ -287,6 +277,11 @@ class Stepper:
             state[self._parts["frames"]][VERDICTS] = 0.0
         self._ready = (usual, state, notes, frame)
         self._held = False
+
+    @property
+    def engine(self) -> str:
+        """How the next step is computed: ``"interpreted"`` or ``"compiled"``."""
+        return engine_of(self.function)
 
     @property
     def guided(self) -> bool:
@@ -578,6 +573,8 @@ class Stepper:
 
     def _begin_call(self, ready: Ready) -> dict[str, str]:
         """Set every input of the function anew; return the notes of the call."""
+        if self._later is not None:
+            self._later.change(self)
         self._own[:], self._state_in[:] = ready[0], ready[1]
         notes = {**ready[2]}
         if self._slow:
@@ -609,6 +606,7 @@ class Stepper:
     def _record(self, notes: dict[str, str], **more: bool) -> None:
         """Give the inputs to the log; a failing log is noted."""
         entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes), **more}
+        entry["engine"] = self.engine
         names = [name for name in self._inputs if name not in self._model.constants]
         entry |= {name: self._inputs[name].tolist() for name in names}
         try:

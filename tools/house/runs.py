@@ -29,7 +29,7 @@ def call_of(what: str) -> Callable[[], Any]:
 
     if what == "stepper":
         problem = ergoqp.load_problem("screwing")
-        return lambda: ergoqp.Stepper(problem)
+        return lambda: ergoqp.Stepper(problem, compiled=False)
     if Path(what).suffix:
         return lambda: ergoqp.load_recording(what)
     return lambda: ergoqp.load_problem(what)

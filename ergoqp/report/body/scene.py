@@ -180,10 +180,12 @@ def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> st
     for actor in actors:
         actor.show(0)
     recording = server.get_scene_serializer()
-    for frame in range(1, len(movement.time)):
-        recording.insert_sleep(timing.frame_time)
-        for actor in actors:
-            actor.show(frame)
+    # Nobody is connected, so nothing needs to be sent before the end.
+    with server.atomic():
+        for frame in range(1, len(movement.time)):
+            recording.insert_sleep(timing.frame_time)
+            for actor in actors:
+                actor.show(frame)
     # The last frame stays for its duration before the replay starts again.
     recording.insert_sleep(timing.frame_time)
     return _for_a_page(recording.as_html())
@@ -266,7 +268,9 @@ class _Person:
     """The body: one frame per moving part of the model, and one mesh per score on it."""
 
     def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement) -> None:
-        self._movement, self._placement = movement, placement
+        self._movement = movement
+        # One operation for all frames.
+        self._positions, self._turns = coarse(placement.positions), coarse(placement.quaternions)
         self._frames = [
             server.scene.add_frame(f"/person/{owner}", show_axes=False)
             for owner in placement.owners
@@ -288,8 +292,8 @@ class _Person:
     def show(self, frame: int) -> None:
         """Move the body to a frame, and update the colours that changed."""
         for i, handle in enumerate(self._frames):
-            handle.position = coarse(self._placement.positions[frame, i])
-            handle.wxyz = coarse(self._placement.quaternions[frame, i])
+            handle.position = self._positions[frame, i]
+            handle.wxyz = self._turns[frame, i]
         for i, (segment, mesh, before) in enumerate(self._meshes):
             level = self._level(segment, frame)
             if level != before:
