@@ -23,7 +23,7 @@ sigmoid   tanh(gamma p + offset)
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -172,6 +172,10 @@ class KernelSum:
                 "kernels: got numbers that are not finite or a scale that is not positive, allowed"
                 " finite ones"
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields only; another process builds the expressions again."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def __len__(self) -> int:
         """Return the number of centres."""

@@ -64,7 +64,7 @@ def replay(
                 stepper = steppers[key] = Stepper(
                     problem, **loop, guide=RECORDED if guided else None
                 )
-            for name, values in stepper._inputs.items():
+            for name, values in stepper._recorded.items():
                 values[:] = entry[name]
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -154,6 +154,8 @@ class Stepper:
         self._numbers = evaluator.numbers
         # The numbers of the problem come last, and are never written again.
         self._own = self._given[: self._model.fill(self._given, self._at)]
+        constants = self._model.constants
+        self._recorded = {n: each for n, each in self._inputs.items() if n not in constants}
         if type(self._solver) is not Daqp:
             self._call = passing_on(evaluator.evaluate)
         self._raised: list[str] = []
@@ -607,8 +609,7 @@ class Stepper:
         """Give the inputs to the log; a failing log is noted."""
         entry: dict[str, Any] = {"loop": dict(self._loop), "notes": dict(notes), **more}
         entry["engine"] = self.engine
-        names = [name for name in self._inputs if name not in self._model.constants]
-        entry |= {name: self._inputs[name].tolist() for name in names}
+        entry |= {name: values.tolist() for name, values in self._recorded.items()}
         try:
             if self._log is not None:
                 self._log(entry)

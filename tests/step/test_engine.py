@@ -18,7 +18,7 @@ from ergoqp.native import compiled as native_compiler
 from ergoqp.native.compiled import one_at_a_time
 from ergoqp.step import engine, stepper
 from ergoqp.step.engine import Engine
-from ergoqp.step.function import step_function
+from ergoqp.step.function import shared_step
 from ergoqp.step.stepper import Stepper
 
 needs_compiler = pytest.mark.skipif(
@@ -49,7 +49,7 @@ def stand_in(monkeypatch, at_once):
         return made[-1] if made else None
 
     def compile_apart(problem, guided):
-        made.append(step_function(problem, guided=guided))
+        made.append(shared_step(problem, guided=guided))
 
     monkeypatch.setattr(Engine, "_found", found)
     monkeypatch.setattr(engine, "_compile_apart", compile_apart)

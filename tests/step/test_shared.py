@@ -88,4 +88,4 @@ def test_what_is_recorded_are_the_inputs_of_a_user() -> None:
     log: list = []
     stepper = Stepper(drawn("plain", 1), log=log.append)
     stepper.step(None)
-    assert set(log[0]) == {"loop", "notes", *INPUTS}
+    assert set(log[0]) == {"loop", "notes", "engine", *INPUTS}
