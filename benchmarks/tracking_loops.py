@@ -19,7 +19,7 @@ from ergoqp.problem.geometry import frame_of
 from ergoqp.problem.load import load_problem
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import DeclaredRobot, Frames
-from ergoqp.step.model import stand_in
+from ergoqp.step.constants import stand_in
 from ergoqp.step.stepper import Stepper
 
 JUMP = 0.6

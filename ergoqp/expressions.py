@@ -359,7 +359,7 @@ class Evaluator:
         self.places = slices({n: function.nnz_in(i) for i, n in enumerate(function.name_in())})
         self.given = np.zeros(function.nnz_in())
         self.inputs = {name: self.given[part] for name, part in self.places.items()}
-        self.numbers = {name: array.data for name, array in self.inputs.items()}
+        self.numbers: dict[str, Any] = {name: part.data for name, part in self.inputs.items()}
         self.slices = slices({n: function.nnz_out(i) for i, n in enumerate(function.name_out())})
         self.results = np.zeros(function.nnz_out())
         self.outputs = {name: self.results[part] for name, part in self.slices.items()}

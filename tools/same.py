@@ -92,7 +92,8 @@ def _problem(name: str, kind: str) -> Any:
 def record(name: str, kind: str, number: int, folder: Path) -> None:
     """Keep the inputs of random walks, each a row of all numbers."""
     from ergoqp.step import function as states
-    from ergoqp.step.model import StepModel, stand_in
+    from ergoqp.step.constants import stand_in
+    from ergoqp.step.model import StepModel
 
     # Earlier commits have it under another name.
     at_start: Any = vars(states).get("state_at_start") or vars(states)["initial_state"]

@@ -372,7 +372,7 @@ class SmoothReba:
             values.append(_expected(given["cells"], *self._reading.unmoved(self._q, noise)))
         inputs = {"posture": self._q, **given}
         cost = ca.cse([ca.dot(given["shares"], ca.vertcat(*values))])
-        return ca.Function(self.name, list(inputs.values()), cost, list(inputs), ["cost"])
+        return ca.Function(self.name, [*inputs.values()], [*cost], list(inputs), ["cost"])
 
     @cached_property
     def _at_scale(self) -> ca.Function:

@@ -578,7 +578,7 @@ def _can_be_left(limit: Any, moves: np.ndarray) -> bool:
     )
 
 
-def _outward(region: Any, place: ca.MX) -> ca.MX:
+def _outward(region: Any, place: ca.MX) -> Any:
     """Return a way (3,) from a place to the nearest end of a half-space or a ball."""
     if isinstance(region, HalfSpace):
         return region.normal

@@ -179,7 +179,7 @@ def under_way(
 def _under_way(model: StepModel, part: Mapping[str, ca.MX], mx: Signals) -> dict[str, ca.MX]:
     robot, lag = model.problem.robot, model.problem.robot.lag
     weights = weights_function(model)
-    by_ages = call_by_name(weights, mx, **{n: part[n] for n in ("ages", "idle")})
+    by_ages = call_by_name(weights, mx, ages=part["ages"], idle=part["idle"])
     of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
     optional = {"clung": part["clung"]} if "clung" in part else {}
     pieces, seconds = [], []

@@ -68,8 +68,8 @@ def compared_frames(model: StepModel, signals: Mapping[str, ca.MX]) -> ca.MX:
     looks = ca.logic_or(ca.norm_2(apart[:3]) > _NEAR[0], ca.norm_2(apart[3:]) > _NEAR[1])
     known = [mx[name] for name in explain.name_in()[2:]]
     judge = _judged(model)
-    more = {"apart": apart, "explained": explained(looks, posture, apart, *known)}
-    judged = call_by_name(judge, mx, **more)["judged"]
+    reasons = explained(looks, posture, apart, *known)
+    judged = call_by_name(judge, mx, apart=apart, explained=reasons)["judged"]
     # Joints that are not seen are as in comfort here, which shows nothing.
     needed = model.contact_joints
     seen = ca.mmin(observed[needed]) > 0.5 if needed else ca.MX(1)

@@ -2,26 +2,15 @@
 
 import numpy as np
 import pytest
-from drawn import drawn
 
 import ergoqp
+from benchmarks.drawn import KINDS, drawn, postures
 from ergoqp.expressions import Evaluator
-from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
 from ergoqp.step.constants import constants_of
 from ergoqp.step.function import INPUTS, OUTPUTS, build_shared_step, step_function
 from ergoqp.step.layout import History
 from ergoqp.step.stepper import Stepper
-
-KINDS = ("plain", "robot", "regions", "seated", "points")
-
-
-def postures(problem: Problem, seed: int, count: int = 20) -> np.ndarray:
-    """Postures (n,) around comfort."""
-    usual = np.asarray(getattr(problem.response, "comfort", np.zeros(32)), dtype=float)
-    if len(usual) != 32:
-        usual = np.array([0.1, -0.2, 1.2, 0.3, -0.2, 1.3])
-    return usual + 0.15 * np.random.default_rng(seed).normal(size=(count, len(usual)))
 
 
 @pytest.mark.parametrize("kind", KINDS)

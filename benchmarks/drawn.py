@@ -14,6 +14,9 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.settings import Control
 from ergoqp.registry import data_folder
 
+KINDS = ("plain", "robot", "regions", "seated", "points")
+"""The kinds: a person, with a declared robot, with regions and frames, seated, and two points."""
+
 ROBOT = {
     "delay": 0.02,
     "lag": 0.05,
@@ -50,8 +53,7 @@ METHOD = {"trunk_bent_deg": 20.0, "wrist_deviation_deg": 10.0}
 
 
 def kind_of(name: str) -> dict[str, Any]:
-    """Return the tables of a kind of problem with its numbers: ``plain``, ``robot``, ``regions``,
-    ``seated``, ``points``."""
+    """Return the tables of one of the `KINDS`, with its numbers."""
     base = {"seated": "dentist", "points": "forearm"}.get(name, "screwing")
     raw = tomllib.loads((data_folder("problems") / f"{base}.toml").read_text(encoding="utf-8"))
     defaults = Control()
@@ -95,3 +97,11 @@ def _scaled(value: Any, rng: np.random.Generator) -> Any:
     if isinstance(value, list):
         return [_scaled(each, rng) for each in value]
     return value * rng.uniform(0.92, 1.08) if type(value) is float else value
+
+
+def postures(problem: Problem, seed: int, count: int = 20) -> np.ndarray:
+    """Return postures (count, n) around comfort [rad, m]."""
+    usual = np.asarray(getattr(problem.response, "comfort", np.zeros(32)), dtype=float)
+    if len(usual) != 32:
+        usual = np.array([0.1, -0.2, 1.2, 0.3, -0.2, 1.3])
+    return usual + 0.15 * np.random.default_rng(seed).normal(size=(count, len(usual)))
