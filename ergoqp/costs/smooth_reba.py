@@ -24,7 +24,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Final, TypeVar, Unpack, cast
+from typing import Annotated, Any, Final, TypeVar, Unpack, cast
 
 import casadi as ca
 import numpy as np
@@ -352,6 +352,22 @@ class SmoothReba:
         rises = np.hstack([cells[:, :1], np.diff(cells, axis=1)])
         found = {"cells": rises, "rates": np.array(rates), "ends": np.concatenate(ends)}
         return found | {"shares": np.array(self.weights)}
+
+    def structure(self) -> tuple[Any, ...]:
+        """Return all that decides which operations the function of `shared` has."""
+        sheet, task = self._reading.sheet, self._reading.task
+        # Everything that the sheet is made of, but the ends of its bands.
+        segments = tuple(
+            (
+                (segment.name, segment.sided, segment.worse_side, segment.start, segment.highest),
+                (segment.skipped_by, segment.options),
+                tuple((step.joint, step.scores) for step in segment.steps),
+                tuple((len(each.conditions), each.additive) for each in segment.modifiers),
+            )
+            for segment in sheet.segments.values()
+        )
+        tables = tuple((sheet.tables[name].axes, sheet.tables[name].cells) for name in "AB")
+        return self._overflow, segments, tables, self.method.arms, task.flags
 
     @cached_property
     def _overflow(self) -> tuple[bool, ...]:

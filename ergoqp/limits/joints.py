@@ -123,6 +123,10 @@ class JointLimit:
             "rate": np.full(len(JOINTS), np.radians(self.rate_deg)),
         }
 
+    def structure(self) -> tuple[tuple[bool, ...], bool]:
+        """Return which joints ask to come back, and whether a joint yields at its end."""
+        return self.recovers, bool(self.yield_zone)
+
     def rows(self, context: LimitContext) -> Rows:
         """Return one row per joint. The row of a joint that the object cannot move is zero."""
         given = context.given(self)

@@ -285,6 +285,15 @@ class KeepOut:
         region: Any = self.region
         return region.constants() if type(region) in (HalfSpace, Ball, Box) else {}
 
+    def structure(self) -> Any:
+        """Return the kind of the region, and which entries of its directions are zero.
+
+        Of other regions everything decides.
+        """
+        numbers = self.constants()
+        directions = [numbers[name] != 0 for name in getattr(self.region, "directions", ())]
+        return (type(self.region), directions) if numbers else self.region
+
     def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the half-space that touches the region nearest to the object.
 

@@ -247,6 +247,10 @@ class ArmLength:
         """Return the ``length`` (1,) [m]."""
         return {"length": np.array([self.length])}
 
+    def structure(self) -> tuple[()]:
+        """Return nothing: all lengths have the same operations."""
+        return ()
+
     def rows(self, context: LimitContext) -> Rows:
         """Return the tangent: the rate at which the distance of the two points grows.
 

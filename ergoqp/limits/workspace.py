@@ -86,6 +86,10 @@ class WorkspaceBox:
         """Return ``lower`` and ``upper`` (3,) [m]."""
         return {"lower": np.array(self.lower), "upper": np.array(self.upper)}
 
+    def structure(self) -> tuple[()]:
+        """Return nothing: all boxes have the same operations."""
+        return ()
+
     def rows(self, context: LimitContext) -> Rows:
         """Return one row per axis."""
         point, given = context.pose[:3, 3], context.given(self)
@@ -166,6 +170,10 @@ class AxisCone:
         """Return ``direction`` (3,) and ``half_angle`` [rad]."""
         half = np.array([np.radians(self.half_angle_deg)])
         return {"direction": np.array(self.direction), "half_angle": half}
+
+    def structure(self) -> tuple[()]:
+        """Return nothing: all cones have the same operations."""
+        return ()
 
     def rows(self, context: LimitContext) -> Rows:
         """Return the one row, of the angle between the tool's axis and the direction.

@@ -542,10 +542,13 @@ class IkResponse:
         found |= {"comfort": self.comfort, "seat": np.array([seat])}
         return found | {name: np.array([getattr(self, name)]) for name in names}
 
+    def structure(self) -> tuple[Any, ...]:
+        """Return all that decides which operations the functions of `shared` have."""
+        return self.hands, self.stance, self.tool, self.free_about_tool, self.looks, self.hanging
+
     def shared(self) -> tuple[ca.Function, ca.Function]:
         """Return `sensitivity` and `contact` with the `constants` as further inputs."""
-        kind = (self.hands, self.stance, self.tool, self.free_about_tool, self.looks, self.hanging)
-        return _shared(*kind)
+        return _shared(*self.structure())
 
 
 @lru_cache(maxsize=16)

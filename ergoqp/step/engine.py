@@ -33,8 +33,11 @@ from ergoqp.problem.problem import Problem
 from ergoqp.solvers import read_solver
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.step.certification import stop_function
-from ergoqp.step.function import shared_step
+from ergoqp.step.function import INPUTS, shared_step
+from ergoqp.step.guide import GUIDE_INPUTS
+from ergoqp.step.layout import count
 from ergoqp.step.model import StepModel
+from ergoqp.step.structure import structure_of
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -85,18 +88,18 @@ class Engine:
     """What computes the step of a loop, now and later.
 
     Args:
-        problem: the task.
+        model: model of the step.
         solver: name of the QP solver, or the solver.
-        guided: whether the step has the inputs of a guide.
         choice: whether to compile.
 
     Attributes:
         waits: whether a compiled step may come while the loop runs, see `change`.
     """
 
-    def __init__(self, problem: Problem, solver: Any, guided: bool, choice: Choice) -> None:
+    def __init__(self, model: StepModel, solver: Any, choice: Choice) -> None:
         """Compile nothing yet."""
-        self._problem, self._solver, self._guided = problem, solver, guided
+        self._model, self._solver = model, solver
+        self._problem, self._guided = model.problem, model.guided
         self._choice, daqp = choice, type(read_solver(solver)) is Daqp
         self._key = self._short_key() if daqp and choice is not False else None
         self.waits = daqp and choice == "auto" and may_compile_beside()
@@ -148,7 +151,7 @@ class Engine:
     def _short_key(self) -> str | None:
         from ergoqp.native.compiled import short_key
 
-        return short_key(_NAME, self._problem, self._guided)
+        return short_key(_NAME, structure_of(self._model))
 
     def _found(self) -> ca.Function | None:
         """Return the compiled step of the cache, within milliseconds.
@@ -157,7 +160,10 @@ class Engine:
         """
         from ergoqp.native.compiled import found
 
-        return None if self._key is None else found(_NAME, self._key)
+        function = None if self._key is None else found(_NAME, self._key)
+        if function is not None:
+            check_layout(function, self._model)
+        return function
 
     def _compiled_now(self) -> ca.Function:
         from ergoqp.native.compiled import keep
@@ -183,7 +189,7 @@ class Engine:
             function = self._found()
             if function is None:
                 raise InputError("the compiled step is not in the cache")
-            ready = function, closed_stop(StepModel(self._problem, self._guided))
+            ready = function, closed_stop(self._model)
             _LOG.info("%s is compiled, after %.0f s", self, time.monotonic() - began)
             self._ready = ready
         except Exception as error:  # nothing of this may end the loop
@@ -216,6 +222,22 @@ def closed_stop(model: StepModel) -> Stop | None:
     with suppress(CompilerError):
         return stop_function(model)
     return None
+
+
+def check_layout(function: ca.Function, model: StepModel) -> None:
+    """Check that a compiled step has the inputs and the state of a model.
+
+    Raises:
+        InputError: if it has not.
+    """
+    names = [*INPUTS, *(GUIDE_INPUTS if model.guided else ()), *model.constants]
+    sizes = {name: np.shape(value) for name, value in model.constants.items()}
+    sizes["state"] = (count(model.state), 1)
+    if function.name_in() == names:
+        names = [name for name, size in sizes.items() if function.size_in(name) != size]
+        if not names:
+            return
+    raise InputError(f"the compiled step has another layout ({', '.join(names[:3])}, ...)")
 
 
 def _compile_apart(problem: Problem, guided: bool) -> None:
@@ -251,7 +273,8 @@ def compile_ordered() -> None:
     try:
         with one_at_a_time(_NAME):
             problem, guided = pickle.load(sys.stdin.buffer)
-            Engine(problem, "daqp", guided, choice=True).compiled()
-            closed_stop(StepModel(problem, guided))
+            model = StepModel(problem, guided)
+            Engine(model, "daqp", choice=True).compiled()
+            closed_stop(model)
     except ErgoqpError as error:
         sys.exit(str(error))

@@ -126,7 +126,7 @@ class Stepper:
         self._guided = place is not None
         self._model = StepModel(self.problem, self._guided)
         self._begin = state_at_start(self._model)
-        engine = Engine(self.problem, solver, self._guided, choice)
+        engine = Engine(self._model, solver, choice)
         self._bind(self._built(solver, engine))
         self._later = engine if engine.waits else None
         self._closed_stop = closed_stop(self._model) if self.engine == "compiled" else None

@@ -253,8 +253,9 @@ def test_a_step_is_compiled_beside_the_loop(monkeypatch, at_once, caplog):
     assert again.engine == "compiled"
     assert again._later is None
     assert Stepper(problem, compiled=True).engine == "compiled"
-    other = problem.replace(control=ergoqp.Control(max_age=0.123))
-    assert Stepper(other).engine == "interpreted"
+    number, structure = ergoqp.Control(max_age=0.123), ergoqp.Control(average=0.3)
+    assert Stepper(problem.replace(control=number)).engine == "compiled"
+    assert Stepper(problem.replace(control=structure)).engine == "interpreted"
 
 
 def test_the_process_that_compiles_has_the_lowest_priority(monkeypatch):
