@@ -131,7 +131,27 @@ def test_unknowns_that_are_alone_are_left_out_and_answered_with_zero():
         want = [np.array(part).ravel() for part in plugin(*data)]
         assert not have[0][alone].any()
         for one, other in zip(have, want, strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-8)
+            np.testing.assert_array_equal(one, other)
+
+
+def test_leaving_out_unknowns_changes_no_bit_where_every_other_one_is_at_its_end():
+    """The relaxed QP of an object outside its limits: all rates at their ends, and one slack."""
+    rng, n, m = np.random.default_rng(5), 12, 8
+    native, plugin = NativeDaqp().function(n, m), solver_named("daqp").function(n, m)
+    H, A, g, lb, ub = np.eye(n), np.zeros((m, n)), np.zeros(n), np.zeros(n), np.ones(n)
+    A[0, 6], g[6] = -1.0, 1e4
+    free = np.full(m, np.inf)
+    for _ in range(3000):
+        root = rng.normal(size=(6, 6)) * 10 ** rng.uniform(-2, 1, 6)
+        H[:6, :6] = root @ root.T + 1e-3 * np.eye(6)
+        A[0, :6], g[:6] = rng.normal(size=6), 10 * rng.normal(size=6)
+        middle = 0.1 * rng.normal(size=6)
+        lb[:6], ub[:6] = middle - 0.02, middle + 0.02
+        upper = free.copy()
+        upper[0] = A[0, :6] @ middle - 0.02 * np.abs(A[0, :6]).sum() - 0.01
+        data = (H, g, A, -free, upper, lb, ub)
+        for one, other in zip(native(*data), plugin(*data), strict=True):
+            np.testing.assert_array_equal(np.array(one), np.array(other))
 
 
 SMALL = {"small.c": "double twice(double x) { return 2 * x; }"}

@@ -41,17 +41,19 @@ static int ergoqp_alone(int n, int m, const double** arg, int i) {
 
 /* arg: H (n, n), g, A (m, n), lba, uba, lbx, ubx, column-major; res: x, multipliers of the rows, multipliers of the bounds,
  * positive at upper ends. Where there is no answer x is NaN: the step that asked judges every answer by its residuals.
- * Unknowns that are alone (the slack of a row that does not give way) are left out before DAQP sees the problem. */
+ * Unknowns that are alone (the slack of a row that does not give way) are left out before DAQP sees the problem, except for
+ * the first one: with it, DAQP never has as many active constraints as unknowns, where it rounds in another way, and the
+ * answer is that of the whole problem to the bit. */
 static int ergoqp_qp_daqp(int n, int m, const double** arg, double** res, double* w, int* marks) {
     DAQPSettings settings;
     DAQPProblem qp;
     DAQPWorkspace work;
-    int i, j, flag, k = 0;
+    int i, j, flag, k = 0, spared = 0;
     int* kept = marks;
     double *rows, *upper, *lower, *H, *g;
 
     for (i = 0; i < n; ++i)
-        if (!ergoqp_alone(n, m, arg, i)) kept[k++] = i;
+        if (!ergoqp_alone(n, m, arg, i) || !spared++) kept[k++] = i;
     marks += n;
     rows = ergoqp_take(&w, k * m);
     upper = ergoqp_take(&w, k + m);
