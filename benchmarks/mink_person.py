@@ -111,8 +111,8 @@ def in_turns(
 
 def ratios(
     report: Report, problem: Problem, calls: Sequence[Call], prefix: str = "", few: bool = False
-) -> None:
-    """Report times and ratios of one problem.
+) -> float:
+    """Report times and ratios of one problem; return the time of the peer [us].
 
     Args:
         report: takes the figures.
@@ -151,3 +151,4 @@ def ratios(
             report.say(f"{prefix}{name}: no CMake or no compiler")
         else:
             report.figure(f"{prefix}{name}", peer / c.least_us, f"{c.least_us:.2f} us")
+    return peer

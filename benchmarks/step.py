@@ -25,6 +25,9 @@ around it; ``phase_...`` are its parts (`benchmarks.step_phases`), which add up 
 - ``compiled_ratio``, ``interpreted_ratio``, ``c_ratio`` (for this processor), ``c_ratio.baseline``,
   ``TASK.c_ratio``: the CPU time of the plain mink program of the person (`benchmarks.mink_person`)
   over that of the step, the median of every call's shortest of several turns in one process.
+- ``ready_ratio``, ``first_step_s``, ``stepper_s``: the same ratio for the hundredth step of a fresh
+  process without a compiler, and what that process took before, of a person never seen before
+  (`benchmarks.ready`).
 - ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns
   (`benchmarks.mink_peer`), the leanest there is: its terms come from the step's own CasADi
   functions. ``mink_whole_us``: posture and arm as unknowns, as in `ergoqp.whole_body`.
@@ -50,6 +53,7 @@ from benchmarks.mink_peer import mink_steps
 from benchmarks.mink_person import ratios
 from benchmarks.mink_plain import mink_plain_us
 from benchmarks.plain_peer import plain_step_us
+from benchmarks.ready import ready
 from benchmarks.report import Report, run
 from benchmarks.step_c import c_times
 from benchmarks.step_phases import phases_us
@@ -245,7 +249,11 @@ def _peers(report: Report, median: float) -> None:
             f"largest difference from Python over {c.states} steps [m/s, rad/s]",
         )
         forms["mink_ratio_c"] = c.median_us
-    ratios(report, problem, calls)
+    peer = ratios(report, problem, calls)
+    soon = ready(report.pick(5, 20))
+    report.figure("ready_ratio", peer / soon.step_us, f"{soon.engine}, {soon.step_us:.2f} us")
+    report.figure("first_step_s", soon.first_step_s, "CPU, from the import to the first twist")
+    report.figure("stepper_s", soon.stepper_s, "CPU of making a stepper")
     for name in TASKS:
         if name != "screwing":
             other = load_problem(name)
@@ -255,16 +263,16 @@ def _peers(report: Report, median: float) -> None:
     _largest(report, problem)
     problem = sent_as_planned(problem)
     calls = trajectory(problem, Stepper(problem, compiled=False), report.pick(20.0, 100.0)).calls
-    peer = mink_steps(problem, calls, "arm")
+    arm = mink_steps(problem, calls, "arm")
     report.figure(
         "mink_us",
-        float(np.median(peer.whole_us)),
+        float(np.median(arm.whole_us)),
         "mink on the same QP, arm as unknowns, inputs to twist",
     )
     report.figure(
-        "mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP"
+        "mink_own_us", float(np.median(arm.own_us)), "of it in mink: building and solving the QP"
     )
-    report.figure("mink_max_difference", peer.difference)
+    report.figure("mink_max_difference", arm.difference)
     plain = float(np.median(mink_plain_us(problem.dt, report.pick(1000, 5000))))
     report.figure(
         "mink_plain_us",
@@ -275,7 +283,7 @@ def _peers(report: Report, median: float) -> None:
     whole = float(np.median(mink_steps(problem, some, "whole").whole_us))
     report.figure("mink_whole_us", whole, "posture and arm as unknowns")
     for name, value in forms.items():
-        report.figure(name, float(np.median(peer.whole_us)) / value)
+        report.figure(name, float(np.median(arm.whole_us)) / value)
         report.figure(name.replace("mink", "mink_whole"), whole / value)
         report.figure(name.replace("mink", "mink_plain"), plain / value)
     try:

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
@@ -407,16 +407,18 @@ def _external(name: str, library: Path) -> ca.Function:
         ) from None
 
 
-def short_key(*made_from: Any) -> str | None:
+def short_key(*made_from: Any, any_compiler: bool = False) -> str | None:
     """Return a key of a compiled function, without building it; None: only its C code is one.
 
     Args:
         made_from: all that the package makes the function from.
+        any_compiler: whether the key is the same whatever compiles, as it is without a compiler.
     """
-    try:
-        tool = [*compiler(), *map(_identity, (shutil.which(compiler()[0]), daqp_archive()))]
-    except (CompilerError, OSError):
-        tool = []
+    tool = list[str]()
+    with suppress(CompilerError, OSError):
+        if not any_compiler:
+            files = shutil.which(compiler()[0]), daqp_archive()
+            tool = [*compiler(), *map(_identity, files)]
     return content_key(*made_from, tool, FLAGS, processor_flags(), abilities())
 
 

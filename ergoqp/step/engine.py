@@ -148,10 +148,10 @@ class Engine:
         """Name what is computed."""
         return f"the step of {self._problem.name}"
 
-    def _short_key(self) -> str | None:
+    def _short_key(self, any_compiler: bool = False) -> str | None:
         from ergoqp.native.compiled import short_key
 
-        return short_key(_NAME, structure_of(self._model))
+        return short_key(_NAME, structure_of(self._model), any_compiler=any_compiler)
 
     def _found(self) -> ca.Function | None:
         """Return the compiled step of the cache, within milliseconds.
@@ -161,6 +161,9 @@ class Engine:
         from ergoqp.native.compiled import found
 
         function = None if self._key is None else found(_NAME, self._key)
+        if function is None and self._choice == "auto" and (key := self._short_key(True)):
+            # The answers are the same to the bit whichever compiler made it.
+            function = found(_NAME, key)
         if function is not None:
             check_layout(function, self._model)
         return function
@@ -173,6 +176,7 @@ class Engine:
         # The key says too that no file of the package has changed meanwhile.
         if self._key is not None and self._key == self._short_key():
             keep(function, self._key)
+            keep(function, self._short_key(any_compiler=True) or self._key)
         return function
 
     def _work(self) -> None:

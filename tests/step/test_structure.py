@@ -12,7 +12,7 @@ import ergoqp
 from benchmarks.drawn import KINDS, REGIONS, drawn, kind_of, postures
 from ergoqp.errors import ErgoqpError, InputError
 from ergoqp.limits import Ball, KeepOut
-from ergoqp.native.compiled import short_key
+from ergoqp.native.compiled import CompilerError, short_key
 from ergoqp.problem.load import problem_from_dict
 from ergoqp.problem.problem import Problem
 from ergoqp.registry import data_folder
@@ -247,3 +247,9 @@ def test_a_person_whom_the_cache_never_saw_is_served_by_it(monkeypatch, tmp_path
         for posture in postures(problem, seed):
             expected, found = own.step(posture), lent.step(posture)
             np.testing.assert_array_equal(found.values, expected.values)
+
+    def none() -> tuple[str, ...]:
+        raise CompilerError("no C compiler")
+
+    monkeypatch.setattr("ergoqp.native.compiled.compiler", none)
+    assert Stepper(drawn("plain", 23)).engine == "compiled"
