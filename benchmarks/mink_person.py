@@ -127,7 +127,10 @@ def ratios(
     }
     steppers = {}
     if not few:
-        steppers = {"interpreted": Stepper(problem), "compiled": Stepper(problem, compiled=True)}
+        steppers = {
+            "interpreted": Stepper(problem, compiled=False),
+            "compiled": Stepper(problem, compiled=True),
+        }
         forms |= {
             name: lambda call, it=it: it.step(call[0], call[1], age=call[2])
             for name, it in steppers.items()

@@ -270,7 +270,6 @@ class SmoothReba:
         taus_deg: scales of the logistic noise [deg].
         weights: share of each scale; the sum is 1.
         method: how the sheet is read.
-        function: ``posture (32,) -> cost``, a CasADi Function of scalar operations.
 
     Example:
         >>> import numpy as np
@@ -292,7 +291,7 @@ class SmoothReba:
         method: Method | None = None,
         **task: Unpack[TaskOptions],
     ) -> None:
-        """Build the expression.
+        """Read the options; the expression is built when it is first asked for.
 
         Args:
             taus_deg: scales of the noise, above 0 [deg].
@@ -309,19 +308,26 @@ class SmoothReba:
         check_by_joint(self.method, "smooth_reba")
         sheet = sheet_of(self.method)
         self.task: TaskOptions = {**DEFAULTS, **task}
-        q = ca.SX.sym("q", len(JOINTS))
-        self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, self.task))
-        values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
-        self._q = q
-        self._value = sum(
-            (w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)
-        )
-        self.minimum = reading.lowest()
-        self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
+        self._reading = _Reading(sheet, self.method, read_task(sheet, None, self.task))
+        self.minimum = self._reading.lowest()
 
     def __reduce__(self) -> tuple:
         """Pickle as arguments: expressions cannot be sent to a process, and are rebuilt there."""
         return partial(SmoothReba, self.taus_deg, self.weights, self.method, **self.task), ()
+
+    @cached_property
+    def _q(self) -> ca.SX:
+        return ca.SX.sym("q", len(JOINTS))
+
+    @cached_property
+    def _value(self) -> ca.SX:
+        values = [self._reading.expected(self._q, np.radians(tau)) for tau in self.taus_deg]
+        return _sum(w * v for w, v in zip(self.weights, values, strict=True))
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """``posture (32,) -> cost``, of scalar operations."""
+        return ca.Function(self.name, [self._q], ca.cse([self._value]), ["posture"], ["cost"])
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:
