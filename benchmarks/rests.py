@@ -21,7 +21,7 @@ from benchmarks.report import Report, run
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.batch import LANES, BatchedRests
 from ergoqp.rest.best_place import workspace_poses
-from ergoqp.rest.model_person import ModelPerson
+from ergoqp.rest.model_person import ModelPerson, person_of
 
 SPACING = 0.1
 
@@ -31,11 +31,12 @@ def measure(report: Report) -> None:
     count, alone, rounds = report.pick(quick=(400, 20, 3), full=(4000, 400, 7))
     for name in TASKS:
         problem = load_problem(name)
-        person = ModelPerson(problem.response)
+        person = ModelPerson(person_of(problem))
         comfort = person.comfort
         grasp, soles = person.grasp(comfort), person.stand(comfort)
         poses = workspace_poses(problem, SPACING)
         poses = poses[np.random.default_rng(0).integers(len(poses), size=count)]
+        postures, reached = np.empty((0, 32)), np.empty(0, dtype=bool)
         for figure, lanes in (("one_lane_per_s", 1), ("rests_per_s", LANES)):
             batch = BatchedRests(person, lanes)
             shortest = np.inf

@@ -14,7 +14,7 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.native.compiled import c_text, loaded, shared_library
+from ergoqp.native.compiled import CompilerError, c_text, loaded, shared_library
 from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, N
 
 LANES: Final = 4
@@ -120,6 +120,26 @@ class BatchedRests:
             _pointer(found),
         )
         return rests, (found[:, 0] < REACHED) & (found[:, 1] < REACHED_ANGLE)
+
+
+def settle_all(
+    person: ModelPerson,
+    postures: np.ndarray,
+    poses: np.ndarray,
+    grasp: np.ndarray,
+    soles: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `BatchedRests.settle` does; without a C compiler the interpreter finds the same.
+
+    The arguments are those of `BatchedRests.settle`.
+    """
+    try:
+        return BatchedRests(person).settle(postures, poses, grasp, soles)
+    except CompilerError:
+        seeds = np.broadcast_to(postures, (len(poses), N))
+        pairs = zip(seeds, poses, strict=True)
+        told = [person.settle(seed, pose, grasp, soles) for seed, pose in pairs]
+        return np.array([q for q, _ in told]).reshape(-1, N), np.array([yes for _, yes in told])
 
 
 def step_source(function: ca.Function) -> tuple[str, np.ndarray]:
