@@ -1,0 +1,61 @@
+"""Compiled rests of many places are those of the interpreter."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ergoqp.native.compiled import CompilerError
+from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.rest.batch import BatchedRests, settle_all, step_source
+from ergoqp.rest.best_place import workspace_poses
+from ergoqp.rest.model_person import ModelPerson, person_of, sample_person
+
+
+@cache
+def someone(name: str) -> ModelPerson:
+    return ModelPerson(person_of(load_problem(name)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TASKS)
+def test_rests_are_those_of_the_interpreter(name: str) -> None:
+    person = someone(name)
+    comfort = person.comfort
+    held = grasp, soles = person.grasp(comfort), person.stand(comfort)
+    poses = workspace_poses(load_problem(name), 0.3)
+    poses = poses[np.random.default_rng(1).permutation(len(poses))[:9]]
+    poses[3, :3, 3] += 5.0  # out of reach
+    poses[5, 0, 3] = np.nan
+    alone = [person.settle(comfort, pose, *held) for pose in poses]
+    postures, reached = BatchedRests(person).settle(comfort, poses, grasp, soles)
+    np.testing.assert_array_equal(reached, [there for _, there in alone])
+    assert not reached[3]
+    assert not reached[5]
+    np.testing.assert_allclose(postures, [q for q, _ in alone], atol=1e-9)
+
+
+def test_people_of_one_structure_share_one_text() -> None:
+    problem = load_problem("dentist")
+    (text, numbers), (other, others) = (
+        step_source(sample_person(problem, seed)._step) for seed in (1, 2)
+    )
+    assert text == other
+    assert (numbers != others).any()
+
+
+def test_without_a_compiler_the_interpreter_settles(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> None:
+        raise CompilerError("C compiler: none")
+
+    monkeypatch.setattr("ergoqp.rest.batch.shared_library", none)
+    person = someone("dentist")
+    comfort = person.comfort
+    held = person.grasp(comfort), person.stand(comfort)
+    poses = workspace_poses(load_problem("dentist"), 0.3)[:2]
+    postures, reached = settle_all(person, comfort, poses, *held)
+    alone, there = person.settle(comfort, poses[1], *held)
+    np.testing.assert_array_equal(postures[1], alone)
+    assert reached[1] == there
