@@ -122,8 +122,9 @@ def main() -> None:
     given = parser.parse_args()
     names = given.problems or sorted(each.stem for each in (ROOT / "problems").glob("*.toml"))
     given.out.mkdir(parents=True, exist_ok=True)
-    for old in given.out.iterdir():
-        old.unlink()
+    for variant in VARIANTS:
+        for old in given.out.glob(f"*-{variant}.*"):
+            old.unlink()
     stop = stop_sources()
     with ThreadPoolExecutor(given.jobs) as pool:
         jobs = [
