@@ -5,13 +5,14 @@
 #   make check   style, formatting, types, which part imports which
 #   make docs    the site, from docs/ into out/site/; warnings are errors
 #   make bench   the benchmarks' quick samples
+#   make libraries  the compiled steps that a wheel can hold, into out/libraries/: about ten minutes
 #   make mutants whether the tests notice mistakes: about two hours on two cores
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-all check docs bench mutants clean
+.PHONY: demo test test-all check docs bench libraries mutants clean
 
 demo: $(VENV)/.runs
 	@mkdir -p $(OUT)
@@ -45,6 +46,9 @@ bench: $(VENV)/.tests
 		echo "== benchmarks.$$name"; \
 		$(BIN)/python -m benchmarks.$$name --quick || exit 1; \
 	done
+
+libraries: $(VENV)/.tests
+	$(BIN)/python -m tools.libraries --out out/libraries
 
 mutants: $(VENV)/.tests
 	$(BIN)/python -m tools.mutants --full

@@ -47,7 +47,7 @@ FLAGS: Final = (
     "ggc-min-heapsize=65536",
 )
 
-_V3: Final = {"avx2": "-mavx2", "bmi1": "-mbmi", "bmi2": "-mbmi2", "fma": "-mfma"}
+V3: Final = {"avx2": "-mavx2", "bmi1": "-mbmi", "bmi2": "-mbmi2", "fma": "-mfma"}
 """What the third level of x86-64 has more, as processors name it and as compilers do.
 
 It takes a quarter of the time off a step. Without contraction the answers are the same to the bit.
@@ -71,7 +71,7 @@ class CompilerError(ErgoqpError):
 @lru_cache(maxsize=1)
 def processor_flags() -> tuple[str, ...]:
     """Return the compiler's flags for the processor of this machine, for what runs only here."""
-    return tuple(_V3.values()) if set(_V3) <= set(abilities()) else ()
+    return tuple(V3.values()) if set(V3) <= set(abilities()) else ()
 
 
 @lru_cache(maxsize=1)
@@ -170,22 +170,36 @@ def _built(
     entry = Entry(key.hexdigest()[:32], name, ending)
 
     def make(scratch: Path) -> Path:
-        for file, text in sources.items():
-            (scratch / file).write_text(text, encoding="utf-8")
-        units = [file for file in sources if file.endswith(".c")]
-        folders = [f"-I{each}" for each in (scratch, *includes)]
-        _run(
-            [*command, *flags, *folders, *units, *map(str, archives), "-lm", "-o", "made"], scratch
-        )
-        made = scratch / "made"
-        if not made.is_file() or not made.stat().st_size:
-            raise CompilerError(
-                f"C compiler: {shlex.join(command)!r} wrote no file; name a C compiler in CC"
-            )
-        return made
+        return compile_in(scratch, sources, archives, includes, flags)
 
     with _cache(name):
         return entry.find() or entry.build(make)
+
+
+def compile_in(
+    scratch: Path,
+    sources: dict[str, str],
+    archives: Sequence[Path],
+    includes: Sequence[Path],
+    flags: Sequence[str],
+) -> Path:
+    """Return the file that the compiler makes of sources in an empty folder.
+
+    Raises:
+        CompilerError: if there is no compiler, or it fails; with its first error.
+    """
+    command = compiler()
+    for file, text in sources.items():
+        (scratch / file).write_text(text, encoding="utf-8")
+    units = [file for file in sources if file.endswith(".c")]
+    folders = [f"-I{each}" for each in (scratch, *includes)]
+    _run([*command, *flags, *folders, *units, *map(str, archives), "-lm", "-o", "made"], scratch)
+    made = scratch / "made"
+    if not made.is_file() or not made.stat().st_size:
+        raise CompilerError(
+            f"C compiler: {shlex.join(command)!r} wrote no file; name a C compiler in CC"
+        )
+    return made
 
 
 @contextmanager
@@ -369,17 +383,21 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
     Raises:
         CompilerError: if there is no C compiler, or it fails.
     """
+    return _loaded(*sources_of(build))
+
+
+def sources_of(build: Callable[[NativeDaqp], ca.Function]) -> tuple[str, dict[str, str]]:
+    """Return the name of a function and its C sources by file name, see `compiled`."""
     compiler()
     solver = NativeDaqp()
     function = build(solver)
     name = function.name()
-    sources = {
+    return name, {
         f"{name}.c": '#include "inline.h"\n' + generated(function, name)[f"{name}.c"],
         "qp.c": sizes_source(solver.sizes),
         "inline.h": c_text("inline.h"),
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
-    return _loaded(name, sources)
 
 
 _LIBRARIES: Final[dict[int, tuple[ca.Function, Path]]] = {}
@@ -393,10 +411,15 @@ def library_of(function: ca.Function) -> Path | None:
 
 
 def _loaded(name: str, sources: dict[str, str]) -> ca.Function:
-    return _external(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
+    return external(name, shared_library(name, sources, [daqp_archive()], [daqp_include()]))
 
 
-def _external(name: str, library: Path) -> ca.Function:
+def external(name: str, library: Path) -> ca.Function:
+    """Return a function of a shared library.
+
+    Raises:
+        CompilerError: if this machine cannot load it.
+    """
     try:
         function = ca.external(name, str(library))
         _LIBRARIES[hash(function)] = function, library
@@ -437,7 +460,7 @@ def found(name: str, key: str) -> ca.Function | None:
     with _cache(name):
         entry = remembered(key)
         library = None if entry is None else Entry(entry, name, ".so").find()
-    return None if library is None else _external(name, library)
+    return None if library is None else external(name, library)
 
 
 @contextmanager

@@ -52,6 +52,17 @@ def content_key(*values: Any) -> str | None:
     return known.hexdigest()[:32]
 
 
+def value_key(*values: Any) -> str | None:
+    """Return a hash of values alone, which is that of any installation; None if unknown."""
+    known = hashlib.sha256()
+    try:
+        for part in _parts(values):
+            known.update(part)
+    except (_UnknownError, RecursionError):
+        return None
+    return known.hexdigest()[:32]
+
+
 def _files() -> Iterator[str]:
     """Give the state of every file of the package, as this process has loaded it."""
     for folder in (_PACKAGE, data_folder("models")):

@@ -409,6 +409,13 @@ int ergoqp_stop(const double* history, int planned, int sent, double average, do
 """
 
 
+def stop_sources() -> dict[str, str]:
+    """Return the C sources of the stop in closed form, by file name."""
+    from ergoqp.native.compiled import c_text
+
+    return {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}
+
+
 def longest_stop(problem: Problem, dt: float) -> int:
     """Return the largest number of twists of a stop, `dt` seconds each, the last one zero."""
     return int(np.floor(problem.stop.duration / dt * (1 + 1e-9))) + 2
@@ -422,9 +429,13 @@ def stop_function(model: StepModel) -> Callable[[np.ndarray, float], np.ndarray]
     Raises:
         CompilerError: if there is no C compiler, or it fails.
     """
-    from ergoqp.native.compiled import c_text, loaded, shared_library
+    from ergoqp.native.compiled import loaded, shared_library
+    from ergoqp.native.content import value_key
+    from ergoqp.native.shipped import shipped
 
-    library = shared_library("stop", {"stop.c": _SOURCE, "stop.h": c_text("stop.h")}, [], [])
+    sources = stop_sources()
+    known = shipped("stop", value_key(sources) or "", None)
+    library = known or shared_library("stop", sources, [], [])
     call = loaded(library).ergoqp_stop
     call.restype, array = ctypes.c_int, ctypes.c_void_p
     call.argtypes = [array, ctypes.c_int, ctypes.c_int, ctypes.c_double, ctypes.c_double]

@@ -101,6 +101,7 @@ class Engine:
         self._model, self._solver = model, solver
         self._problem, self._guided = model.problem, model.guided
         self._choice, daqp = choice, type(read_solver(solver)) is Daqp
+        self._daqp = daqp
         self._key = self._short_key() if daqp and choice is not False else None
         self.waits = daqp and choice == "auto" and may_compile_beside()
         self._stepped, self._last = 0.0, time.perf_counter()
@@ -158,8 +159,13 @@ class Engine:
 
         Of a problem with terms of the user's only the C code tells what they are.
         """
-        from ergoqp.native.compiled import found
+        from ergoqp.native.compiled import external, found
+        from ergoqp.native.shipped import shipped
 
+        key = shipped_key(self._model) if self._daqp else None
+        library = None if key is None else shipped(_NAME, key, layout_of(self._model))
+        if library is not None:
+            return external(_NAME, library)
         function = None if self._key is None else found(_NAME, self._key)
         if function is None and self._choice == "auto" and (key := self._short_key(True)):
             # The answers are the same to the bit whichever compiler made it.
@@ -226,6 +232,23 @@ def closed_stop(model: StepModel) -> Stop | None:
     with suppress(CompilerError):
         return stop_function(model)
     return None
+
+
+def shipped_key(model: StepModel) -> str | None:
+    """Return the key of the step of a structure that comes with the package; None: it has none."""
+    from ergoqp.native.content import value_key
+
+    return value_key(structure_of(model))
+
+
+def layout_of(model: StepModel) -> dict[str, Any]:
+    """Return the inputs of a compiled step that are not the same for all, in order, with shapes."""
+    sizes = {name: list(np.shape(value)) for name, value in model.constants.items()}
+    return {
+        "inputs": [*INPUTS, *(GUIDE_INPUTS if model.guided else ())],
+        "constants": sizes,
+        "state": count(model.state),
+    }
 
 
 def check_layout(function: ca.Function, model: StepModel) -> None:
