@@ -286,10 +286,7 @@ class KeepOut:
         return region.constants() if type(region) in (HalfSpace, Ball, Box) else {}
 
     def structure(self) -> Any:
-        """Return the kind of the region, and which entries of its directions are zero.
-
-        Of other regions everything decides.
-        """
+        """Return the kind of a region of the package and the zeros of its directions, or all."""
         numbers = self.constants()
         directions = [numbers[name] != 0 for name in getattr(self.region, "directions", ())]
         return (type(self.region), directions) if numbers else self.region
