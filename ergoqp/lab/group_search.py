@@ -27,6 +27,7 @@ from ergoqp.lab.population import variant
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.place import Place, PoseParametrization
 from ergoqp.problem.problem import Problem
+from ergoqp.rest.batch import settling
 from ergoqp.rest.best_place import (
     features,
     outward,
@@ -332,6 +333,7 @@ class PlaceSearch:
         self._comforts = [person.response.comfort for person in self._people]
         pairs = zip(self._people, self._comforts, strict=True)
         self._holds = [(person.stand(q), person.grasp(q)) for person, q in pairs]
+        self._settles = [settling(person, SEARCH_MOST) for person in self._people]
 
     def starts(self, count: int) -> list[np.ndarray]:
         """Return the grid's best places (5,), best first, none within a spacing of a better one."""
@@ -426,8 +428,8 @@ class PlaceSearch:
         """Return everybody settled at a place, each from one of the postures (32,)."""
         pose, own = self.placing.pose(point), self.problem.own_limits
         settled = [
-            person.settle(seed, pose, grasp, soles)
-            for person, seed, (soles, grasp) in zip(self._people, seeds, self._holds, strict=True)
+            settle(seed, pose, grasp, soles)
+            for settle, seed, (soles, grasp) in zip(self._settles, seeds, self._holds, strict=True)
         ]
         postures = np.array([posture for posture, _ in settled])
         # A place that one of the user's own limits forbids counts as not reached.

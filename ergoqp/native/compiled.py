@@ -106,7 +106,11 @@ def compiler() -> tuple[str, ...]:
 
 
 def shared_library(
-    name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]
+    name: str,
+    sources: dict[str, str],
+    archives: Sequence[Path],
+    includes: Sequence[Path],
+    build: bool = True,
 ) -> Path:
     """Return the shared library of C sources, compiled once and kept in the user's cache.
 
@@ -118,11 +122,13 @@ def shared_library(
             included.
         archives: static libraries to link.
         includes: folders of headers.
+        build: whether it is compiled if the cache lacks it.
 
     Raises:
-        CompilerError: if there is no compiler, or it fails; with its first error.
+        CompilerError: if there is no compiler, or it fails, with its first error; or if it is not
+            in the cache and not to be built.
     """
-    return _built(name, sources, archives, includes, (*FLAGS, *processor_flags()), ".so")
+    return _built(name, sources, archives, includes, (*FLAGS, *processor_flags()), ".so", build)
 
 
 def loaded(library: Path) -> ctypes.CDLL:
@@ -160,6 +166,7 @@ def _built(
     includes: Sequence[Path],
     flags: Sequence[str],
     ending: str,
+    build: bool = True,
 ) -> Path:
     command = compiler()
     parts = [*command, _version(command), platform.machine(), *flags]
@@ -173,7 +180,11 @@ def _built(
         return compile_in(scratch, sources, archives, includes, flags)
 
     with _cache(name):
-        return entry.find() or entry.build(make)
+        if (path := entry.find()) is not None:
+            return path
+        if not build:
+            raise CompilerError(f"compiled {name}: it is not in the cache")
+        return entry.build(make)
 
 
 def compile_in(

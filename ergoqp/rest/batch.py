@@ -7,6 +7,8 @@ weights, are read from a table, so people of one structure share one library.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Final
 
 import casadi as ca
@@ -19,6 +21,9 @@ from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, N
 
 LANES: Final = 4
 """Places in one pass."""
+
+WORTH_COMPILING: Final = 2000
+"""The interpreter takes some seconds for so many places, as a compiler does."""
 
 _TERMS: Final = {
     ca.OP_ASSIGN: "{0}",
@@ -58,13 +63,14 @@ class BatchedRests:
     Args:
         person: the person.
         lanes: places in one pass, 1, 2, 4 or 8.
+        build: whether it is compiled if the cache lacks it, which takes some seconds.
 
     Raises:
         InputError: if the person's step has an operation that this code does not know.
-        CompilerError: if there is no C compiler, or it fails.
+        CompilerError: if there is no C compiler, or it fails, or it is not to be compiled.
     """
 
-    def __init__(self, person: ModelPerson, lanes: int = LANES) -> None:
+    def __init__(self, person: ModelPerson, lanes: int = LANES, build: bool = True) -> None:
         """Compile the step of the person, or find it in the cache."""
         function = person._step  # pyright: ignore[reportPrivateUsage]
         self._relax = 0.5 * person.response.relaxation_time
@@ -76,7 +82,7 @@ class BatchedRests:
             "rests.h": c_text("rests.h"),
             "step.h": source,
         }
-        self._call = loaded(shared_library("rests", sources, (), ())).ergoqp_rests
+        self._call = loaded(shared_library("rests", sources, (), (), build)).ergoqp_rests
         self._call.restype = None
 
     def settle(
@@ -121,27 +127,33 @@ class BatchedRests:
         )
         return rests, (found[:, 0] < REACHED) & (found[:, 1] < REACHED_ANGLE)
 
+    def settle_at(
+        self, posture: np.ndarray, pose: np.ndarray, grasp: np.ndarray, soles: np.ndarray
+    ) -> tuple[np.ndarray, np.bool_]:
+        """Return what `settle` gives at one place: posture (32,) and whether it is reached."""
+        postures, reached = self.settle(posture, pose[None], grasp, soles)
+        return postures[0], reached[0]
 
-def settle_all(
-    person: ModelPerson,
-    postures: np.ndarray,
-    poses: np.ndarray,
-    grasp: np.ndarray,
-    soles: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `BatchedRests.settle` does; without a C compiler the interpreter finds the same.
 
-    The arguments are those of `BatchedRests.settle`.
+Settle = Callable[
+    [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, bool | np.bool_]
+]
+"""`ModelPerson.settle`: posture, pose, grasp and soles -> posture at rest, whether reached."""
+
+
+def settling(person: ModelPerson, places: int) -> Settle:
+    """Return how a person settles soonest at so many places, one after the other.
+
+    It is compiled if that is in the cache or pays, and interpreted otherwise. Both come to rest in
+    the same posture, within 1e-9 rad.
     """
     try:
-        return BatchedRests(person).settle(postures, poses, grasp, soles)
+        return BatchedRests(person, build=places >= WORTH_COMPILING).settle_at
     except CompilerError:
-        seeds = np.broadcast_to(postures, (len(poses), N))
-        pairs = zip(seeds, poses, strict=True)
-        told = [person.settle(seed, pose, grasp, soles) for seed, pose in pairs]
-        return np.array([q for q, _ in told]).reshape(-1, N), np.array([yes for _, yes in told])
+        return person.settle
 
 
+@lru_cache(maxsize=16)
 def step_source(function: ca.Function) -> tuple[str, np.ndarray]:
     """Return C of a person's step on lanes, and the table of its numbers.
 

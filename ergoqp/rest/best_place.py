@@ -18,6 +18,7 @@ from ergoqp.files.cache import CacheEntry, digest_of
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.geometry import frame_of, turn_about
 from ergoqp.problem.problem import PLACES, Problem, no_start
+from ergoqp.rest.batch import settling
 from ergoqp.rest.model_person import ModelPerson, Start
 from ergoqp.rest.person_protocol import Person
 
@@ -99,13 +100,13 @@ def settle_in_order(
     """
     start = start or person.start_at(person.response.comfort)
     postures, reached = np.zeros((len(poses), len(start.posture))), np.zeros(len(poses), dtype=bool)
-    placed = features(poses)
+    placed, settle = features(poses), settling(person, len(poses))
     for i, pose in enumerate(poses):
         before = np.flatnonzero(reached[:i])
         seed = start.posture
         if before.size:
             seed = postures[before[np.argmin(((placed[before] - placed[i]) ** 2).sum(axis=1))]]
-        postures[i], reached[i] = person.settle(seed, pose, start.grasp, start.soles)
+        postures[i], reached[i] = settle(seed, pose, start.grasp, start.soles)
     return postures, reached
 
 

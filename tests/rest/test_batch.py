@@ -9,7 +9,7 @@ import pytest
 
 from ergoqp.native.compiled import CompilerError
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.batch import BatchedRests, settle_all, step_source
+from ergoqp.rest.batch import WORTH_COMPILING, BatchedRests, settling, step_source
 from ergoqp.rest.best_place import workspace_poses
 from ergoqp.rest.model_person import ModelPerson, person_of, sample_person
 
@@ -55,7 +55,24 @@ def test_without_a_compiler_the_interpreter_settles(monkeypatch: pytest.MonkeyPa
     comfort = person.comfort
     held = person.grasp(comfort), person.stand(comfort)
     poses = workspace_poses(load_problem("dentist"), 0.3)[:2]
-    postures, reached = settle_all(person, comfort, poses, *held)
+    posture, reached = settling(person, WORTH_COMPILING)(comfort, poses[1], *held)
     alone, there = person.settle(comfort, poses[1], *held)
-    np.testing.assert_array_equal(postures[1], alone)
-    assert reached[1] == there
+    np.testing.assert_array_equal(posture, alone)
+    assert reached == there
+
+
+@pytest.mark.slow
+def test_many_places_are_settled_compiled_and_few_if_that_is_there(monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    problem = load_problem("desk")
+    first, second = (sample_person(problem, seed) for seed in (3, 4))
+    assert settling(first, 10) == first.settle
+    assert settling(first, WORTH_COMPILING) != first.settle
+    few = settling(second, 10)
+    assert few != second.settle
+    held = second.grasp(second.comfort), second.stand(second.comfort)
+    pose = workspace_poses(problem, 0.3)[5]
+    posture, reached = few(second.comfort, pose, *held)
+    alone, there = second.settle(second.comfort, pose, *held)
+    np.testing.assert_allclose(posture, alone, atol=1e-9)
+    assert reached == there
