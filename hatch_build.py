@@ -31,7 +31,10 @@ class LibrariesHook(BuildHookInterface):
         command = [sys.executable, "-m", "tools.libraries", "--out", str(folder)]
         subprocess.run(command, cwd=self.root, check=True)
         build_data["pure_python"] = False
-        build_data["tag"] = f"py3-none-manylinux_2_28_{platform.machine()}"
+        if sys.platform == "linux":
+            build_data["tag"] = f"py3-none-manylinux_2_28_{platform.machine()}"
+        else:
+            build_data["infer_tag"] = True
         for path in sorted(folder.iterdir()):
             build_data["force_include"][str(path)] = f"ergoqp/libraries/{path.name}"
 
