@@ -89,7 +89,8 @@ def ready(repetitions: int) -> Ready:
         file = Path(empty) / "person.toml"
         text = (data_folder("problems") / "screwing.toml").read_text(encoding="utf-8")
         if python is not None:
-            environment |= {"XDG_CACHE_HOME": empty}
+            # Nothing but what the wheel has installed.
+            environment = {"HOME": empty, "PATH": empty, "ERGOQP_COMPILE": "never"}
         for _ in range(repetitions + 1):
             person = f"stature = {random.uniform(1.6, 1.9):.6f}"
             file.write_text(text.replace(_TABLE, f"{_TABLE}\n{person}"), encoding="utf-8")
