@@ -76,7 +76,9 @@ def test_only_daqp_is_compiled():
         Stepper(ergoqp.load_problem("screwing"), solver="osqp", compiled=True)
 
 
-def test_no_compiler_is_one_sentence(no_compiler):
+def test_no_compiler_is_one_sentence(no_compiler, monkeypatch, tmp_path):
+    """With an empty cache; a library that is there needs none."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(
         CompilerError, match=r"C compiler: found CC='.*', which is not a program here; install"
     ):
