@@ -42,15 +42,15 @@ finally:
 """
 
 
-def write_recording(path: Path, seconds: float) -> int:
-    """Write a recording of some seconds; return its number of frames."""
+def write_recording(path: Path, seconds: float, rate: float = RATE) -> int:
+    """Write a recording of some seconds at a rate [Hz]; return its number of frames."""
     parts = [fitted(walk(6.0)[0]).postures, fitted(stoop(4.0)[0]).postures]
     once = np.concatenate(parts)
     poses = np.tile(np.eye(4), (len(once), 1, 1))
-    write_bvh(path, once, poses, BODY, 1 / RATE)
+    write_bvh(path, once, poses, BODY, 1 / rate)
     head, rows = path.read_text(encoding="utf-8").split("Frame Time:")
     frame_time, *rows = rows.strip().splitlines()
-    count = int(seconds * RATE)
+    count = int(seconds * rate)
     head = head.replace(f"Frames: {len(once)}", f"Frames: {count}")
     with path.open("w", encoding="utf-8") as file:
         file.write(f"{head}Frame Time: {frame_time.strip()}\n")

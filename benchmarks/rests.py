@@ -8,7 +8,8 @@ CPU time. Per problem it prints
   lanes; ``interpreted_per_s``: by `ModelPerson.settle`.
 - ``apart_rad``: largest difference of compiled and interpreted rests; ``reach_differs``: places of
   which only one says that they are reached.
-- ``worst_rad``: largest distance of a rest from where the same steps converge (1e-11 rad).
+- ``worst_rad``: largest distance of a rest from where the steps converge (1e-11 rad);
+  ``plain_worst_rad``: the same after 150 plain steps, of the places that the interpreter settles.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from ergoqp.rest.best_place import workspace_poses
 from ergoqp.rest.model_person import ModelPerson, person_of
 
 SPACING = 0.1
+PLAIN = 150
 
 
 def measure(report: Report) -> None:
@@ -50,11 +52,29 @@ def measure(report: Report) -> None:
         told = [person.settle(comfort, pose, grasp, soles) for pose in poses[:alone]]
         report.figure(f"{name}.interpreted_per_s", alone / (time.process_time() - begin))
         rests, there = np.array([q for q, _ in told]), np.array([yes for _, yes in told])
-        report.figure(f"{name}.apart_rad", float(np.abs(rests - postures[:alone]).max()))
+        apart = np.abs(rests - postures[:alone])[there]
+        report.figure(f"{name}.apart_rad", float(apart.max(initial=0.0)))
         report.figure(f"{name}.reach_differs", int((there != reached[:alone]).sum()))
         ends, _ = batch.settle(postures, poses, grasp, soles, steps=5000, tolerance=1e-11)
         worst = np.abs(ends - postures)[reached].max(initial=0.0)
         report.figure(f"{name}.worst_rad", float(worst))
+        plain = np.array([_plain(person, pose, grasp, soles) for pose in poses[:alone]])
+        worst = np.abs(ends[:alone] - plain)[reached[:alone]].max(initial=0.0)
+        report.figure(f"{name}.plain_worst_rad", float(worst))
+
+
+def _plain(
+    person: ModelPerson, pose: np.ndarray, grasp: np.ndarray, soles: np.ndarray
+) -> np.ndarray:
+    """Return the posture after plain steps."""
+    targets, relax = (
+        np.hstack([pose @ grip for grip in grasp]),
+        0.5 * person.response.relaxation_time,
+    )
+    posture = person.comfort
+    for _ in range(PLAIN):
+        posture, _, _ = person.move(posture, targets, soles, 1.0, relax)
+    return posture
 
 
 if __name__ == "__main__":

@@ -66,7 +66,6 @@ DRAWS: Final = 20
 REPEATS: Final = 5
 """Largest number of solutions of the last stage, each from where the person has come to rest."""
 
-_SETTLING = 400
 _SLACK = 1e-3  # allowed distance outside a learned boundary, beyond its tolerance
 
 
@@ -162,7 +161,7 @@ class StartSolver:
     def _settle(self, posture: np.ndarray, unknowns: np.ndarray) -> tuple[np.ndarray, bool]:
         pose = self.program.place.pose(unknowns, self.anchor)
         begin = self.begin
-        return self.person.settle(posture, pose, begin.grasp, begin.soles, steps=_SETTLING)
+        return self.person.settle(posture, pose, begin.grasp, begin.soles)
 
     def _verdict(
         self,

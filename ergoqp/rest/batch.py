@@ -17,7 +17,19 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.native.compiled import CompilerError, c_text, loaded, shared_library
-from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, N
+from ergoqp.rest.model_person import (
+    HALVED,
+    HISTORY,
+    NEAR,
+    PATIENCE,
+    REACHED,
+    REACHED_ANGLE,
+    RIDGE,
+    STEPS,
+    STILL,
+    ModelPerson,
+    N,
+)
 
 LANES: Final = 4
 """Places in one pass."""
@@ -53,6 +65,8 @@ _TERMS: Final = {
 }
 """C of every operation of a person's step, on all lanes."""
 
+_REACH: Final = np.array([REACHED, REACHED_ANGLE])
+
 _INPUTS: Final = ("q", "locked", "targets", "soles", "gain", "relax")
 _OUTPUTS: Final = ("step[{0}]", "away[0]", "away[1]")
 
@@ -76,7 +90,9 @@ class BatchedRests:
         self._relax = 0.5 * person.response.relaxation_time
         self._targets = function.numel_in(2)
         source, self._constants = step_source(function)
-        defines = f"#define LANES {lanes}\n#define JOINTS {N}\n#define TARGETS {self._targets}\n"
+        numbers = {"LANES": lanes, "JOINTS": N, "TARGETS": self._targets}
+        numbers |= {"HISTORY": HISTORY, "HALVED": HALVED, "NEAR": NEAR, "RIDGE": RIDGE}
+        defines = "".join(f"#define {key} {value!r}\n" for key, value in numbers.items())
         sources = {
             "rests.c": defines + c_text("rests.c"),
             "rests.h": c_text("rests.h"),
@@ -91,8 +107,8 @@ class BatchedRests:
         poses: np.ndarray,
         grasp: np.ndarray,
         soles: np.ndarray,
-        steps: int = 150,
-        tolerance: float = 2e-5,
+        steps: int = STEPS,
+        tolerance: float = STILL,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return rest postures (n, 32) [rad] and which places are reached (n,).
 
@@ -123,9 +139,11 @@ class BatchedRests:
             ctypes.c_double(self._relax),
             ctypes.c_longlong(steps),
             ctypes.c_double(tolerance),
+            ctypes.c_longlong(min(PATIENCE, steps)),
+            _pointer(_REACH),
             _pointer(found),
         )
-        return rests, (found[:, 0] < REACHED) & (found[:, 1] < REACHED_ANGLE)
+        return rests, (found < _REACH).all(axis=1)
 
     def settle_at(
         self, posture: np.ndarray, pose: np.ndarray, grasp: np.ndarray, soles: np.ndarray
@@ -145,7 +163,7 @@ def settling(person: ModelPerson, places: int) -> Settle:
     """Return how a person settles soonest at so many places, one after the other.
 
     It is compiled if that is in the cache or pays, and interpreted otherwise. Both come to rest in
-    the same posture, within 1e-9 rad.
+    the same posture, within 1e-6 rad, where the object is within reach.
     """
     try:
         return BatchedRests(person, build=places >= WORTH_COMPILING).settle_at

@@ -167,7 +167,7 @@ def _key(problem: Problem, person: ModelPerson, spacing: float) -> str:
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     response = person.response
     content = {
-        "version": 1,
+        "version": 2,
         "task": [dict(problem.task), asdict(problem.method)],
         "box": [box.lower, box.upper],
         "cone": [cone.direction, cone.half_angle_deg],

@@ -13,6 +13,7 @@ from report_samples import make_recording, make_run
 
 from ergoqp.report.body.person import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
+from ergoqp.report.body.track import Track
 from ergoqp.report.page import (
     Headline,
     Page,
@@ -203,6 +204,29 @@ def test_a_seated_person_has_a_seat(tmp_path):
     assert len(scene_html(movement, timing)) > len(
         scene_html(replace(movement, seated=False), timing)
     )
+
+
+def test_poses_written_into_the_recording_are_those_of_the_setters(monkeypatch):
+    run = make_run(0.5)
+    way = run.base_poses.copy()
+    way[:, :3, 3] += np.random.default_rng(0).normal([0.5, 0.0, 0.3], 0.02, (len(way), 3))
+    forces = np.random.default_rng(1).normal(0.0, 20.0, (len(way), 6))
+    movement = Movement(
+        run.body,
+        run.time,
+        run.postures,
+        run.base_poses,
+        run.reba,
+        {"trunk": np.arange(len(way)) // 9 % 4},
+        way,
+        held=True,
+        forces=forces,
+    )
+    timing = timing_of(run.time)
+    written = scene_html(movement, timing)
+    straight = Track.show
+    monkeypatch.setattr(Track, "show", lambda track, frame, _=None: straight(track, frame))
+    assert scene_html(movement, timing) == written
 
 
 def test_a_run_of_one_step_has_a_page(tmp_path):

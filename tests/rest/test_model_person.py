@@ -8,7 +8,7 @@ import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.model_person import REACHED, ModelPerson, sample_person
+from ergoqp.rest.model_person import REACHED, ModelPerson, person_of, sample_person
 
 
 @pytest.fixture(scope="module", params=TASKS)
@@ -46,6 +46,42 @@ def test_what_is_out_of_reach_is_not_reached(person: ModelPerson) -> None:
     posture, reached = person.settle(comfort, pose, person.grasp(comfort), person.stand(comfort))
     assert not reached
     assert np.isfinite(posture).all()
+
+
+def test_the_rest_is_where_plain_steps_end(person: ModelPerson) -> None:
+    comfort = person.comfort
+    grasp, soles, pose = person.grasp(comfort), person.stand(comfort), person.contact(comfort)[0]
+    pose[:3, 3] += [0.03, -0.05, -0.04]
+    targets = np.hstack([pose @ grip for grip in grasp])
+    posture, relax = comfort, 0.5 * person.response.relaxation_time
+    for _ in range(600):
+        posture, _, _ = person.move(posture, targets, soles, 1.0, relax)
+    rest, _ = person.settle(comfort, pose, grasp, soles)
+    np.testing.assert_allclose(rest, posture, atol=1e-6)
+
+
+def test_an_arm_that_is_just_too_short_does_not_swing() -> None:
+    problem = load_problem("overhead")
+    person = ModelPerson(person_of(problem))
+    comfort, relax = person.comfort, 0.5 * person.response.relaxation_time
+    grasp, soles, pose = person.grasp(comfort), person.stand(comfort), person.contact(comfort)[0]
+    tilt = 0.0754237
+    pose[:3, :3] = [
+        [tilt, 0.0, -np.sqrt(1 - tilt**2)],
+        [0.0, 1.0, 0.0],
+        [np.sqrt(1 - tilt**2), 0.0, tilt],
+    ]
+    pose[:3, 3] = [0.375, -0.45, 2.0]
+    targets = np.hstack([pose @ grip for grip in grasp])
+    swinging, before = comfort, comfort
+    for _ in range(100):
+        before, swinging = swinging, person.move(swinging, targets, soles, 1.0, relax)[0]
+    assert np.abs(swinging - before).max() > 0.1
+    rest, reached = person.settle(comfort, pose, grasp, soles)
+    after, distance, _ = person.move(rest, targets, soles, 1.0, relax)
+    assert reached
+    assert distance < REACHED
+    np.testing.assert_allclose(after, rest, atol=1e-6)
 
 
 def test_in_comfort_nobody_moves(person: ModelPerson) -> None:

@@ -18,12 +18,7 @@ from numpy.typing import NDArray
 from ergoqp.expressions import matrix_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-
-
-def coarse(values: Any) -> NDArray[np.float64]:
-    """Return values rounded to 1/8192 (0.1 mm), which halves the scene with no visible change."""
-    return np.round(np.asarray(values, dtype=float) * 8192) / 8192
-
+from ergoqp.report.body.track import Track
 
 _SEGMENT_OF: Final = {
     "pelvis": "legs",
@@ -203,8 +198,8 @@ class Holder:
         self, server: Any, poses: NDArray[np.float64], person: NDArray[np.float64], floor: float
     ) -> None:
         """Draw post, links and joints."""
-        self._arms = arm_of(poses, person)
-        scene, (shoulder, elbow, _) = server.scene, self._arms[0]
+        arms = arm_of(poses, person)
+        scene, (shoulder, elbow, _) = server.scene, arms[0]
         length = float(np.linalg.norm(elbow - shoulder))
         height = float(shoulder[2]) - floor
         scene.add_cylinder(
@@ -214,25 +209,31 @@ class Holder:
             position=(*shoulder[:2], floor + height / 2),
             color=_COLOUR,
         )
-        self._links = [
+        links = [
             scene.add_cylinder(f"/robot/link{i}", radius=_RADIUS, height=length, color=_COLOUR)
             for i in range(2)
         ]
-        self._joints = [
+        joints = [
             scene.add_icosphere(f"/robot/joint{i}", radius=1.35 * _RADIUS, color=_JOINT_COLOUR)
             for i in range(3)
         ]
+        self._tracks = [Track(joint, arms[:, i]) for i, joint in enumerate(joints)]
+        for i, link in enumerate(links):
+            begin, end = arms[:, i], arms[:, i + 1]
+            self._tracks.append(Track(link, (begin + end) / 2, _upright(end - begin)))
 
-    def show(self, frame: int) -> None:
+    def show(self, frame: int, recording: Any = None) -> None:
         """Move the arm to a frame."""
-        points = self._arms[frame]
-        for joint, point in zip(self._joints, points, strict=True):
-            joint.position = coarse(point)
-        for link, begin, end in zip(self._links, points, points[1:], strict=False):
-            link.position = coarse((begin + end) / 2)
-            upright = np.empty(4)
-            mujoco.mju_quatZ2Vec(upright, end - begin)
-            link.wxyz = coarse(upright)
+        for track in self._tracks:
+            track.show(frame, recording)
+
+
+def _upright(ways: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the quaternions (n, 4) that turn the z axis along ways (n, 3)."""
+    turns = np.empty((len(ways), 4))
+    for turn, way in zip(turns, ways, strict=True):
+        mujoco.mju_quatZ2Vec(turn, way)
+    return turns
 
 
 LONGEST: Final = 60.0

@@ -27,10 +27,10 @@ from ergoqp.report.body.person import (
     Part,
     Placement,
     Timing,
-    coarse,
     parts_of,
     place,
 )
+from ergoqp.report.body.track import Track, coarse
 
 if TYPE_CHECKING:
     import viser
@@ -185,7 +185,7 @@ def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> st
         for frame in range(1, len(movement.time)):
             recording.insert_sleep(timing.frame_time)
             for actor in actors:
-                actor.show(frame)
+                actor.show(frame, recording)
     # The last frame stays for its duration before the replay starts again.
     recording.insert_sleep(timing.frame_time)
     return _for_a_page(recording.as_html())
@@ -268,13 +268,14 @@ class _Person:
     """The body: one frame per moving part of the model, and one mesh per score on it."""
 
     def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement) -> None:
-        self._movement = movement
-        # One operation for all frames.
-        self._positions, self._turns = coarse(placement.positions), coarse(placement.quaternions)
-        self._frames = [
-            server.scene.add_frame(f"/person/{owner}", show_axes=False)
+        self._tracks = [
+            Track(server.scene.add_frame(f"/person/{owner}", show_axes=False), *placement.of(owner))
             for owner in placement.owners
         ]
+        self._levels = {
+            segment: palette.level_of_points(scores).tolist()
+            for segment, scores in movement.segments.items()
+        }
         self._meshes: list[tuple[str, Any, int]] = []
         groups = defaultdict[tuple[str, str | None, Any], list[Part]](list)
         for part in parts_of(movement.body):
@@ -289,11 +290,10 @@ class _Person:
             if segment is not None:
                 self._meshes.append((segment, mesh, level))
 
-    def show(self, frame: int) -> None:
+    def show(self, frame: int, recording: Any = None) -> None:
         """Move the body to a frame, and update the colours that changed."""
-        for i, handle in enumerate(self._frames):
-            handle.position = self._positions[frame, i]
-            handle.wxyz = self._turns[frame, i]
+        for track in self._tracks:
+            track.show(frame, recording)
         for i, (segment, mesh, before) in enumerate(self._meshes):
             level = self._level(segment, frame)
             if level != before:
@@ -301,8 +301,8 @@ class _Person:
                 self._meshes[i] = (segment, mesh, level)
 
     def _level(self, segment: str | None, frame: int) -> int:
-        scores = self._movement.segments.get(segment or "")
-        return -1 if scores is None else int(palette.level_of_points(scores[frame]))
+        levels = self._levels.get(segment or "")
+        return -1 if levels is None else levels[frame]
 
 
 class _Words:
@@ -311,22 +311,26 @@ class _Words:
     def __init__(
         self, server: viser.ViserServer, movement: Movement, placement: Placement, floor: float
     ) -> None:
-        self._movement, self._placement = movement, placement
-        self._top = _LABEL_ABOVE + float(movement.body.model.site("head_top").pos[2])
-        self._floor = floor
+        self._movement = movement
         self._score = server.scene.add_label(
             "/score", score_text(movement, 0), anchor="bottom-center", font_screen_scale=1.5
         )
         self._time = server.scene.add_label(
             "/time", _time_text(movement, 0), anchor="top-center", font_screen_scale=1.2
         )
+        top = _LABEL_ABOVE + float(movement.body.model.site("head_top").pos[2])
+        above, _ = placement.of("head")
+        pelvis = movement.base_poses
+        beside = pelvis[:, :2, 3] - 0.55 * pelvis[:, :2, 1]
+        self._tracks = [
+            Track(self._score, above + np.array([0, 0, top])),
+            Track(self._time, np.column_stack([beside, np.full(len(beside), floor + 0.02)])),
+        ]
 
-    def show(self, frame: int) -> None:
+    def show(self, frame: int, recording: Any = None) -> None:
         """Show the score and the time of a frame."""
-        head, _ = self._placement.of("head")
-        pelvis = self._movement.base_poses[frame]
-        self._score.position = coarse(head[frame] + np.array([0, 0, self._top]))
-        self._time.position = coarse([*(pelvis[:2, 3] - 0.55 * pelvis[:2, 1]), self._floor + 0.02])
+        for track in self._tracks:
+            track.show(frame, recording)
         for label, text in ((self._score, score_text), (self._time, _time_text)):
             words = text(self._movement, frame)
             if label.text != words:
@@ -350,11 +354,11 @@ class _Object:
     """The held object: a small box at the contact, its frame, and its path."""
 
     def __init__(self, server: viser.ViserServer, poses: NDArray[np.float64]) -> None:
-        self._poses = poses
-        self._quaternions = [quaternion_of(pose[:3, :3]) for pose in poses]
-        self._frame = server.scene.add_frame(
+        way = poses[:, :3, 3]
+        frame = server.scene.add_frame(
             "/object", axes_length=0.16, axes_radius=0.005, origin_radius=0.009
         )
+        self._track = Track(frame, way, [quaternion_of(pose[:3, :3]) for pose in poses])
         # The box is offset along the x axis of the frame, the tool axis, so that it does not
         # hide the hand.
         server.scene.add_box(
@@ -363,17 +367,15 @@ class _Object:
             position=(0.085, 0, 0),
             color=_OBJECT_COLOUR,
         )
-        way = poses[:, :3, 3]
         if len(way) > 1 and float(np.ptp(way, axis=0).max()) > 1e-3:
             points = np.stack([way[:-1], way[1:]], axis=1).astype(np.float32)
             server.scene.add_line_segments(
                 "/object_path", points, colors=_PATH_COLOUR, thickness=2.0, thickness_units="screen"
             )
 
-    def show(self, frame: int) -> None:
+    def show(self, frame: int, recording: Any = None) -> None:
         """Move the object to a frame."""
-        self._frame.position = coarse(self._poses[frame, :3, 3])
-        self._frame.wxyz = coarse(self._quaternions[frame])
+        self._track.show(frame, recording)
 
 
 class _Force:
@@ -393,6 +395,6 @@ class _Force:
             head_length=0.035,
         )
 
-    def show(self, frame: int) -> None:
+    def show(self, frame: int, recording: Any = None) -> None:
         """Draw the force of a frame."""
         self._arrow.points = self._points[frame : frame + 1].astype(np.float32)
