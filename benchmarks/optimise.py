@@ -2,8 +2,8 @@
 
 Run ``python -m benchmarks.optimise [--quick | --full] [--json FILE]``. A case is a person (seeds
 from 100 on: none was looked at while the method was made) and a place at rest at least 2 points
-above that person's best; `problem.optimise` gets the person, the posture and 32 starts. ``--quick``
-(the default) takes one case per problem, ``--full`` ten people with ten cases each. Per problem it
+above that person's best; `problem.optimise` gets the person and the posture. ``--quick`` (the
+default) takes one case per problem, ``--full`` ten people with ten cases each. Per problem it
 prints
 
 - ``cases``; ``share_at_best``: share whose true score, where the person comes to rest, equals the
@@ -24,37 +24,63 @@ prints
   ``cpu_ms_per_start``, which other work on the machine does not lengthen; ``speedup_2``: how much
   sooner two processes that have done work for the same task before are done with the same starts
   (``speedup_starts``).
-- In ``--full`` the same of whole commands, ``ergoqp optimise screwing``, from the start of the
-  program to its end: ``command.seconds_32`` and ``command.speedup_32`` (two processes against one)
-  with the 32 starts that the command takes by default, ``..._96`` with 96, and
-  ``command.cpu_ms_per_start_...`` of one process.
+- ``worse_optima``: of ``optima`` cases (people from seed 400 on at an awkward place, both modes),
+  those in which 32 starts of the former kind end at a lower score, or at the same score with a
+  smooth cost that is lower by more than 0.01 points; ``better_optima``: the other way round. Of
+  the former kind are starts at random places of which none is screened, half of them narrow and
+  half from a scale of 12 over one of 1.5 deg. ``cpu_share``: CPU time of the search over theirs.
+  Control: ``worse_optima.control``, the same number of the former starts as the search takes.
 """
 
 from __future__ import annotations
 
 import os
-import resource
-import subprocess
-import sys
-import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from multiprocessing import get_context
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from benchmarks.loops import ABOVE, DURATION, STILL, draw_starts, end_score
 from benchmarks.report import Report, run
-from ergoqp.placing.optimise import RESIDUAL, optimise
+from ergoqp.placing.optimise import (
+    FINAL_TAU_DEG,
+    NARROW,
+    RESIDUAL,
+    STARTS,
+    StartSolver,
+    begin_from,
+    best_of,
+    optimise,
+)
+from ergoqp.placing.optimum import StartResult
+from ergoqp.placing.program import MODES
 from ergoqp.problem.load import TASKS, load_problem
+from ergoqp.problem.problem import Problem
 from ergoqp.rest.best_place import awkward_start, workspace_map
 from ergoqp.rest.model_person import sample_person
 from ergoqp.simulation.loop import run_loop
 from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 100
-STARTS = 32
+FIRST_OPTIMUM = 400
+FORMER_STARTS = 32
+CLOSE = 0.01
+"""Smooth costs that differ by less are equal [points]."""
+
+
+class FormerSolver(StartSolver):
+    """Solves starts of the former kind."""
+
+    stages: ClassVar = (((12.0, 1e-2), (1.5, 1e-3)), NARROW)
+    screened: ClassVar = 1
+
+
+Ends: TypeAlias = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
+"""Score and smooth cost of the search, of the former starts, and of as few as the search takes."""
 
 
 @dataclass
@@ -87,7 +113,7 @@ def cases_of_person(name: str, person_seed: int, count: int) -> tuple[str, Cases
     cases = Cases()
     for number, start in enumerate(draw_starts(problem, person, count, person_seed, best + ABOVE)):
         seed = 1000 * person_seed + number
-        options = {"starts": STARTS, "seed": seed, "pose": start.pose, "person": person}
+        options = {"seed": seed, "pose": start.pose, "person": person}
         optimum = optimise(problem, start.posture, **options)
         trace = run_loop(
             problem,
@@ -128,11 +154,10 @@ def measure(report: Report) -> None:
             name, cases = future.result()
             found[name].add(cases)
             report.say(f"{done}/{len(jobs)} {name}: {len(cases.found)} cases")
+        compared(report, pool)
     for name in TASKS:
         figures(report, name, found[name])
         timing(report, name)
-    for starts in report.pick(quick=(), full=(STARTS, 3 * STARTS)):
-        commands(report, starts)
 
 
 def figures(report: Report, name: str, cases: Cases) -> None:
@@ -177,31 +202,50 @@ def timing(report: Report, name: str) -> None:
     report.figure(f"{name}.speedup_starts", starts)
 
 
-def commands(report: Report, starts: int) -> None:
-    """Time whole commands with one process and with two.
+def optima(name: str, person_seed: int) -> list[tuple[Ends, float]]:
+    """Return what the search and the former starts end at, and the search's share of CPU time."""
+    problem = load_problem(name)
+    person = sample_person(problem, person_seed)
+    posture = awkward_start(problem, person, person_seed)
+    begin = begin_from(person, posture, None)
+    found = []
+    for mode in MODES:
+        times, ends = [time.process_time()], []
+        for kind, starts in ((StartSolver, STARTS), (FormerSolver, FORMER_STARTS)):
+            solver = kind(problem, person, begin, mode, "ipopt", person_seed, FINAL_TAU_DEG)
+            trials = [solver.start(number) for number in range(starts)]
+            times.append(time.process_time())
+            ends += [best_end(problem, trials), best_end(problem, trials[:STARTS])]
+        new, _, former, few = ends
+        found.append(((new, former, few), (times[1] - times[0]) / (times[2] - times[1])))
+    return found
 
-    The time includes starting them and what they load and build.
-    """
-    seconds, cpu = {}, {}
-    for jobs in (1, 2):
-        with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "ergoqp", "optimise", "screwing", "--out", folder]
-            before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-            options = ["--starts", str(starts), "--jobs", str(jobs)]
-            subprocess.run(
-                [*command, *options],
-                check=True,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-            after, seconds[jobs] = (
-                resource.getrusage(resource.RUSAGE_CHILDREN),
-                time.perf_counter() - begin,
-            )
-            cpu[jobs] = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    report.figure(f"command.seconds_{starts}", seconds[1], "s, one process")
-    report.figure(f"command.speedup_{starts}", seconds[1] / seconds[2])
-    report.figure(f"command.cpu_ms_per_start_{starts}", 1e3 * cpu[1] / starts)
+
+def best_end(problem: Problem, trials: Sequence[StartResult]) -> tuple[int, float]:
+    """Return exact score and smooth cost of the best of trials."""
+    best = best_of(problem, trials)
+    return best.reba, best.cost
+
+
+def is_worse(one: tuple[int, float], other: tuple[int, float]) -> bool:
+    """Return whether an end is worse than another."""
+    return one[0] > other[0] or (one[0] == other[0] and one[1] > other[1] + CLOSE)
+
+
+def compared(report: Report, pool: ProcessPoolExecutor) -> None:
+    """Print how the search compares with starts of the former kind."""
+    people = range(FIRST_OPTIMUM, FIRST_OPTIMUM + report.pick(quick=1, full=50))
+    jobs = [pool.submit(optima, name, person) for person in people for name in TASKS]
+    found = []
+    for done, job in enumerate(as_completed(jobs), start=1):
+        found += job.result()
+        report.say(f"{done}/{len(jobs)} people and problems")
+    ends = [each for each, _ in found]
+    report.figure("optima", len(found))
+    report.figure("worse_optima", sum(is_worse(new, former) for new, former, _ in ends))
+    report.figure("better_optima", sum(is_worse(former, new) for new, former, _ in ends))
+    report.figure("worse_optima.control", sum(is_worse(few, former) for _, former, few in ends))
+    report.figure("cpu_share", float(np.median([share for _, share in found])))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from ergoqp.cli.options import (
 )
 from ergoqp.cli.run import frame_of_recording
 from ergoqp.human import Body
-from ergoqp.placing.optimise import optimise
+from ergoqp.placing.optimise import follower_of, optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.report.optimum_page import write_optimum_page
@@ -74,10 +74,11 @@ def command(
     """
     problem = load_person_problem(name)
     search.check()
-    posture, person, notes = _who(problem, recording, at, read)
+    posture, body, notes = _who(problem, recording, at, read)
     folder = make_folder(out, f"optimise-{problem.name}")
+    person = follower_of(problem, body)
 
-    def found_by(search: SearchOptions) -> Optimum:
+    def found_by(search: SearchOptions, posture: np.ndarray | None) -> Optimum:
         effort = f"{counted(search.starts, 'start', 'starts')}, {NAMES[search.mode]}"
         with working(effort) as done:
             return optimise(
@@ -91,9 +92,10 @@ def command(
 
     screen = console()
     with writing(folder):
-        found = [found_by(search)]
+        found = [found_by(search, posture)]
         if search.mode == "stackelberg":
-            found.append(found_by(replace(search, mode="cooperative")))
+            bound = replace(search, mode="cooperative")
+            found.append(found_by(bound, found[0].posture_before))
         found[0].save(folder)
     print_assumptions(screen, list(found[0].assumptions))
     screen.print(optimum_table(problem, found))

@@ -194,7 +194,7 @@ class RecordingOptions:
 class SearchOptions:
     """How `ergoqp.placing.optimise.optimise` searches for a place."""
 
-    starts: Starts = 32
+    starts: Starts = 8
     jobs: Jobs = 1
     seed: Annotated[int, option("N", "Seed of the starts.")] = 0
     mode: Annotated[

@@ -12,7 +12,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.lab.cluster import on_cluster
-from ergoqp.placing.optimise import optimise
+from ergoqp.placing.optimise import STARTS, optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
@@ -99,7 +99,7 @@ class Found:
 
 def best_of_population(
     people: Iterable[tuple[str, Problem]],
-    starts: int = 32,
+    starts: int = STARTS,
     seed: int = 0,
     jobs: int = 1,
     mode: str = "stackelberg",

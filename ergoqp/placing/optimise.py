@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,7 @@ from ergoqp.placing.place import Place
 from ergoqp.placing.program import Program, check_names, smooth_cost
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.batch import settling
 from ergoqp.rest.best_place import awkward_start
 from ergoqp.rest.model_person import REACHED, REACHED_ANGLE, ModelPerson, Start
 from ergoqp.rest.person_protocol import read_posture
@@ -43,13 +44,19 @@ from ergoqp.rest.person_protocol import read_posture
 FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""
 
-WIDE: Final = ((12.0, 1e-2), (1.5, 1e-3))
+STARTS: Final = 8
+"""Number of starts."""
+
+WIDE: Final = ((12.0, 1e-2), (3.0, 1e-2))
 """(tau [deg], relaxation [rad]) of the stages before the last one, for every other start.
 
 These starts can descend from far away.
 """
 NARROW: Final = ((3.0, 1e-2),)
 """The same for the other starts, which find what is near."""
+
+SCREENED: Final = 8
+"""Number of places of which a narrow start takes the one where the person's rest is best."""
 
 RELAXATION: Final = 1e-4
 """Relaxation of complementarity in the last stage [rad]."""
@@ -82,6 +89,11 @@ class StartSolver:
         tau_deg: scale of the smooth score in the last stage [deg].
     """
 
+    stages: ClassVar = (WIDE, NARROW)
+    """Of starts with even and odd numbers."""
+    screened: ClassVar = SCREENED
+    """Places of which an odd start takes the best."""
+
     def __init__(
         self,
         problem: Problem,
@@ -101,6 +113,7 @@ class StartSolver:
         self.seed, self.tau_deg, self.cooperative = seed, tau_deg, mode == "cooperative"
         self.program = Program(problem, person.response, mode, solver)
         self.anchor = self.program.place.anchor(problem, begin.pose)
+        self._settled = settling(person, places=0)
 
     def start(self, number: int) -> StartResult:
         """Return the result of a start.
@@ -116,7 +129,7 @@ class StartSolver:
         unknowns, rest = drawn
         posture, residual, last = rest, np.inf, (self.tau_deg, RELAXATION)
         for tau, relaxation in [
-            *(stage for stage in (NARROW if number % 2 else WIDE) if stage[0] > self.tau_deg),
+            *(stage for stage in self.stages[number % 2] if stage[0] > self.tau_deg),
             *[last] * REPEATS,
         ]:
             given = self.program.given(
@@ -144,10 +157,11 @@ class StartSolver:
         """Return a place and the rest posture there; None if the person reaches none.
 
         It is the given place for number 0, and a random one that the person reaches for the
-        others.
+        others: the first, or for a narrow start the best of the first ones.
         """
         begin, place = self.begin, self.program.place
         rng = np.random.default_rng([self.seed, 6, number])
+        found = list[tuple[np.ndarray, np.ndarray]]()
         for attempt in range(DRAWS):
             if number == attempt == 0:
                 unknowns = place.unknowns(begin.pose, self.anchor)
@@ -155,13 +169,22 @@ class StartSolver:
                 unknowns = place.draw(rng, self.anchor)
             posture, reached = self._settle(begin.posture, unknowns)
             if reached:
-                return unknowns, posture
-        return None
+                found.append((unknowns, posture))
+            if len(found) == (self.screened if number % 2 else 1):
+                break
+        if not found:
+            return None
+        scores = self.problem.assess(np.array([posture for _, posture in found])).final
+        costs = [self._cost(posture) for _, posture in found]
+        best = min(range(len(found)), key=lambda i: (scores[i], costs[i]))
+        return found[best]
 
-    def _settle(self, posture: np.ndarray, unknowns: np.ndarray) -> tuple[np.ndarray, bool]:
+    def _settle(
+        self, posture: np.ndarray, unknowns: np.ndarray
+    ) -> tuple[np.ndarray, bool | np.bool_]:
         pose = self.program.place.pose(unknowns, self.anchor)
         begin = self.begin
-        return self.person.settle(posture, pose, begin.grasp, begin.soles)
+        return self._settled(posture, pose, begin.grasp, begin.soles)
 
     def _verdict(
         self,
@@ -215,7 +238,7 @@ def begin_from(person: ModelPerson, posture: np.ndarray, pose: ArrayLike | None)
 def optimise(
     problem: Problem,
     posture: ArrayLike | None = None,
-    starts: int = 32,
+    starts: int = STARTS,
     seed: int = 0,
     jobs: int = 1,
     mode: str = "stackelberg",
@@ -231,7 +254,8 @@ def optimise(
 
     The object leads and the person follows: they come to rest at the place
     (`ergoqp.placing.program`). The conditions of the rest make this one nonlinear program. It is
-    solved from many places, with a smooth score that becomes narrower from stage to stage. At
+    solved from several places, with a smooth score that becomes narrower from stage to stage.
+    Every other start begins at the best of several random places, as the person rests there. At
     the end of every start the person settles (`ModelPerson.settle`), and the exact sheet gives the
     score. The start with the lowest exact score wins. Of equal scores the lowest cost wins.
 
@@ -274,7 +298,7 @@ def optimise(
     check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
-    follower = _follower(problem, person)
+    follower = follower_of(problem, person)
     notes: list[str] = []
     Place.of(problem)  # Report faults of the task itself before any search.
     if posture is None:
@@ -289,7 +313,7 @@ def optimise(
     Place.of(problem).anchor(problem, begin.pose)
     terms = (problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     trials = _solve(terms, int(starts), int(jobs), progress)
-    best = _best(problem, trials)
+    best = best_of(problem, trials)
     return Optimum(
         problem=problem.name,
         title=problem.title or problem.name,
@@ -323,7 +347,12 @@ def check_search(starts: int, seed: int, jobs: int, mode: str, solver: str) -> N
         check_whole(name, value, least)
 
 
-def _follower(problem: Problem, person: ModelPerson | Body | None) -> ModelPerson:
+def follower_of(problem: Problem, person: ModelPerson | Body | None) -> ModelPerson:
+    """Return who holds the object: the problem's person, or one alike with another body.
+
+    Raises:
+        InputError: if the problem's response is not a person's, or `person` is something else.
+    """
     response = problem.response
     if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
         kind = type(response).__name__
@@ -355,7 +384,12 @@ def _solver_of(sent: bytes) -> StartSolver:
     return call_packed(StartSolver, sent)
 
 
-def _best(problem: Problem, trials: Sequence[StartResult]) -> StartResult:
+def best_of(problem: Problem, trials: Sequence[StartResult]) -> StartResult:
+    """Return the trial with the lowest exact score, and of equal ones with the lowest cost.
+
+    Raises:
+        OutOfReachError: if none counts.
+    """
     counting = [trial for trial in trials if trial.reba > 0]
     if not counting:
         notes = Counter(trial.note for trial in trials).most_common()
