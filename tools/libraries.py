@@ -1,10 +1,11 @@
-"""Compile the steps that a wheel holds: those of the problems that come with the package.
+"""Compile what a wheel holds: steps and rests of the problems that come with the package.
 
 Run ``python -m tools.libraries --out FOLDER [--problems NAME ...] [--jobs 2]``.
 
 Each problem is compiled without and with a guide, for a robot of which nothing and of which
 everything is declared, for every processor of the machine and for the third level of x86-64.
-Problems of one structure share a library.
+The rests are those of the problem's person, and of one with other weights of the joints. Problems
+and people of one structure share a library.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ from ergoqp.native.compiled import (
 )
 from ergoqp.native.content import value_key
 from ergoqp.native.shipped import VARIANTS, digest, machine
+from ergoqp.responses.ik import IkResponse
+from ergoqp.rest.batch import rests_sources
+from ergoqp.rest.model_person import ModelPerson, sample_person
 from ergoqp.step.certification import stop_sources
 from ergoqp.step.engine import layout_of, shipped_key
 from ergoqp.step.function import build_shared_step
@@ -115,6 +119,21 @@ def models(names: Sequence[str]) -> dict[str, StepModel]:
     return found
 
 
+def rests(names: Sequence[str]) -> list[dict[str, str]]:
+    """Return the sources of the rests of a person of each structure.
+
+    Where joints have weights of their own, less of the arithmetic can be joined.
+    """
+    found = dict[str | None, dict[str, str]]()
+    for problem in map(ergoqp.load_problem, names):
+        if not isinstance(problem.response, IkResponse):
+            continue
+        for person in (ModelPerson(problem.response), sample_person(problem, seed=0)):
+            sources, _ = rests_sources(person)
+            found.setdefault(value_key(sources), sources)
+    return list(found.values())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
@@ -131,6 +150,9 @@ def main() -> None:
         jobs = [
             pool.submit(write, given.out, "stop", value_key(stop) or "", None, stop, VARIANTS[1])
         ]
+        for sources in rests(names):
+            parts = given.out, "rests", value_key(sources) or "", None, sources
+            jobs += [pool.submit(write, *parts, variant) for variant in variants()]
         for key, model in models(names).items():
             _, sources = sources_of(
                 lambda solver, model=model: build_shared_step(

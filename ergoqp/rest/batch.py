@@ -17,6 +17,8 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.native.compiled import CompilerError, c_text, loaded, shared_library
+from ergoqp.native.content import value_key
+from ergoqp.native.shipped import shipped
 from ergoqp.rest.model_person import (
     HALVED,
     HISTORY,
@@ -85,20 +87,13 @@ class BatchedRests:
     """
 
     def __init__(self, person: ModelPerson, lanes: int = LANES, build: bool = True) -> None:
-        """Compile the step of the person, or find it in the cache."""
-        function = person._step  # pyright: ignore[reportPrivateUsage]
+        """Compile the step of the person, or find it in the package or in the cache."""
         self._relax = 0.5 * person.response.relaxation_time
-        self._targets = function.numel_in(2)
-        source, self._constants = step_source(function)
-        numbers = {"LANES": lanes, "JOINTS": N, "TARGETS": self._targets}
-        numbers |= {"HISTORY": HISTORY, "HALVED": HALVED, "NEAR": NEAR, "RIDGE": RIDGE}
-        defines = "".join(f"#define {key} {value!r}\n" for key, value in numbers.items())
-        sources = {
-            "rests.c": defines + c_text("rests.c"),
-            "rests.h": c_text("rests.h"),
-            "step.h": source,
-        }
-        self._call = loaded(shared_library("rests", sources, (), (), build)).ergoqp_rests
+        self._targets = _step_of(person).numel_in(2)
+        sources, self._constants = rests_sources(person, lanes)
+        known = shipped("rests", value_key(sources) or "", None)
+        library = known or shared_library("rests", sources, (), (), build)
+        self._call = loaded(library).ergoqp_rests
         self._call.restype = None
 
     def settle(
@@ -143,7 +138,7 @@ class BatchedRests:
             _pointer(_REACH),
             _pointer(found),
         )
-        return rests, (found < _REACH).all(axis=1)
+        return rests, np.all(found < _REACH, axis=1)
 
     def settle_at(
         self, posture: np.ndarray, pose: np.ndarray, grasp: np.ndarray, soles: np.ndarray
@@ -151,6 +146,31 @@ class BatchedRests:
         """Return what `settle` gives at one place: posture (32,) and whether it is reached."""
         postures, reached = self.settle(posture, pose[None], grasp, soles)
         return postures[0], reached[0]
+
+
+def rests_sources(person: ModelPerson, lanes: int = LANES) -> tuple[dict[str, str], np.ndarray]:
+    """Return C of a person's rests, text by file name, and the table of its numbers.
+
+    People of one structure have the same text.
+
+    Raises:
+        InputError: if the person's step has an operation that this code does not know.
+    """
+    function = _step_of(person)
+    source, constants = step_source(function)
+    numbers = {"LANES": lanes, "JOINTS": N, "TARGETS": function.numel_in(2)}
+    numbers |= {"HISTORY": HISTORY, "HALVED": HALVED, "NEAR": NEAR, "RIDGE": RIDGE}
+    defines = "".join(f"#define {key} {value!r}\n" for key, value in numbers.items())
+    sources = {
+        "rests.c": defines + c_text("rests.c"),
+        "rests.h": c_text("rests.h"),
+        "step.h": source,
+    }
+    return sources, constants
+
+
+def _step_of(person: ModelPerson) -> ca.Function:
+    return person._step  # pyright: ignore[reportPrivateUsage]
 
 
 Settle = Callable[
@@ -162,7 +182,8 @@ Settle = Callable[
 def settling(person: ModelPerson, places: int) -> Settle:
     """Return how a person settles soonest at so many places, one after the other.
 
-    It is compiled if that is in the cache or pays, and interpreted otherwise. Both come to rest in
+    It is compiled if that comes with the package, is in the cache or pays, and interpreted
+    otherwise. Both come to rest in
     the same posture, within 1e-6 rad, where the object is within reach.
     """
     try:

@@ -5,12 +5,16 @@ import logging
 import os
 import shutil
 
+import numpy as np
 import pytest
 
 import ergoqp
 from ergoqp.native import compiled as native_compiler
 from ergoqp.native import shipped as of_package
+from ergoqp.native.content import value_key
 from ergoqp.native.shipped import digest, machine, shipped
+from ergoqp.rest.batch import settling
+from ergoqp.rest.model_person import sample_person
 from ergoqp.step import engine, stepper
 from ergoqp.step.stepper import Stepper
 
@@ -81,11 +85,39 @@ def test_a_library_without_a_record_is_refused(library, caplog):
     assert "its record cannot be read" in caplog.text
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(
+has_compiler = pytest.mark.skipif(
     not any(map(shutil.which, ("cc", "gcc", "clang"))) or not shutil.which("readelf"),
     reason="no C compiler",
 )
+
+
+@pytest.mark.slow
+@has_compiler
+def test_without_a_compiler_few_places_are_settled_compiled(tmp_path, monkeypatch):
+    from tools import libraries
+
+    _, sources = libraries.rests(["desk", "forearm"])
+    libraries.write(tmp_path, "rests", value_key(sources), None, sources, "baseline")
+    native_compiler.compiler.cache_clear()
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(of_package, "FOLDER", tmp_path)
+    person = sample_person(ergoqp.load_problem("desk"), 5)
+    settle, comfort = settling(person, places=1), person.comfort
+    assert settle != person.settle
+    held = person.grasp(comfort), person.stand(comfort)
+    pose = person.contact(comfort)[0]
+    pose[:3, 3] += [0.02, -0.03, 0.04]
+    posture, reached = settle(comfort, pose, *held)
+    alone, there = person.settle(comfort, pose, *held)
+    np.testing.assert_allclose(posture, alone, atol=1e-6)
+    assert reached
+    assert there
+    native_compiler.compiler.cache_clear()
+
+
+@pytest.mark.slow
+@has_compiler
 def test_without_a_compiler_the_first_step_is_compiled(tmp_path, monkeypatch):
     from tools import libraries
 
