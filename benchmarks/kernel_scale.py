@@ -3,13 +3,16 @@
 Run ``python -m benchmarks.kernel_scale``.
 
 The problem is ``screwing`` with a support vector machine of the 20 joints of the EPFL report's data
-as its cost, interpreted by CasADi, the QP and the certification included.
+as its cost, the QP and the certification included, interpreted by CasADi unless a figure says
+compiled.
 
 - ``us_N``: median of a whole `Stepper.step` call with N support vectors; ``p99_us_N`` its 99th
-  percentile.
+  percentile. ``us_N.compiled``, for up to 1000: the same compiled.
+- ``exp_us_N``: as many exponentials in numpy alone, a floor of what the cost can take.
 - ``cost_us_N``: value and gradient of the cost alone; ``sklearn_us_N``: scikit-learn's own
   prediction, the value alone.
-- ``us_smooth_reba``: the step with the sheet's smooth score, in the same run.
+- ``us_smooth_reba``, ``us_smooth_reba.compiled``: the step with the sheet's smooth score, in the
+  same run.
 """
 
 from __future__ import annotations
@@ -58,9 +61,13 @@ def machine(count: int) -> tuple[Svr, object]:
     return Svr(Columns(tuple(range(len(mean)))), model, data.coordinates, 1.0), estimator
 
 
-def step_times(problem: Problem, steps: int) -> NDArray[np.float64]:
+COMPILED = 1000
+"""Most support vectors of a step that is compiled, which takes some seconds."""
+
+
+def step_times(problem: Problem, steps: int, compiled: bool = False) -> NDArray[np.float64]:
     """Return the times of so many steps near an awkward posture [us]."""
-    stepper, rng = Stepper(problem, compiled=False), np.random.default_rng(0)
+    stepper, rng = Stepper(problem, compiled=compiled), np.random.default_rng(0)
     posture = problem.response.comfort + 0.15  # type: ignore[attr-defined]
     pose = stepper.step(posture).pose
     times = []
@@ -77,11 +84,22 @@ def measure(report: Report) -> None:
     problem, steps = load_problem("screwing"), report.pick(800, 5000)
     smooth = step_times(problem, steps)
     report.figure("us_smooth_reba", float(np.median(smooth)), "step with the smooth score")
+    smooth = step_times(problem, steps, compiled=True)
+    report.figure("us_smooth_reba.compiled", float(np.median(smooth)))
     for count in report.pick(COUNTS[:5], COUNTS):
         cost, estimator = machine(count)
         times = step_times(problem.replace(cost=cost), steps)
         report.figure(f"us_{count}", float(np.median(times)), f"step with {count} support vectors")
         report.figure(f"p99_us_{count}", float(np.percentile(times, 99)))
+        if count <= COMPILED:
+            times = step_times(problem.replace(cost=cost), steps, compiled=True)
+            report.figure(f"us_{count}.compiled", float(np.median(times)))
+        arguments, least = -np.linspace(0.0, 2.0, count), np.inf
+        for _ in range(300):
+            start = time.perf_counter()
+            np.exp(arguments)
+            least = min(least, time.perf_counter() - start)
+        report.figure(f"exp_us_{count}", 1e6 * least)
         states = cost.coordinates.spread(posture_data(20, seed=4).points)
         report.figure(
             f"cost_us_{count}",

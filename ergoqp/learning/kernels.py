@@ -232,7 +232,7 @@ class KernelSum:
     def _matrix(self) -> ca.MX:
         # Value and slope share one constant. CasADi copies it once per evaluation, which takes
         # a tenth of the time.
-        return ca.MX(ca.DM(-2 * self.points if self.kernel.radial else self.points))
+        return ca.MX(ca.DM(-2 * self.points if self.kernel.radial else self.points).T)
 
     @cached_property
     def _lengths(self) -> ca.MX:
@@ -254,7 +254,8 @@ class KernelSum:
 
     def _arguments(self, u: ca.MX) -> list[ca.MX]:
         """Return t of `Kernel.profile` for all centres (n,), per column of scaled points (d, k)."""
-        columns = ca.horzsplit(self._matrix @ u)
+        # Rows times a matrix whose columns are the centres: all that is read lies side by side.
+        columns = [each.T for each in ca.vertsplit(u.T @ self._matrix)]
         if not self.kernel.radial:
             return columns
         return [
@@ -293,7 +294,7 @@ class KernelSum:
         u = self._scaled(x)
         value, rate = self.kernel.profile(self._arguments(u)[0], ca)
         pull = self._weights * rate
-        slope = (pull.T @ self._matrix).T
+        slope = self._matrix @ pull
         if self.kernel.radial:
             slope += 2 * u * ca.sum1(pull)
         return ca.dot(self._weights, value) + self.bias, slope / ca.DM(self.scale)

@@ -509,6 +509,9 @@ def generated(function: ca.Function, name: str) -> dict[str, str]:
             file: (Path(folder) / file).read_text(encoding="utf-8")
             for file in (f"{name}.c", f"{name}.h")
         }
+        # Products of matrices by the function of inline.h.
+        plain, ours = "\n  casadi_mtimes_dense(", "\n  ergoqp_mtimes_dense("
+        texts[f"{name}.c"] = texts[f"{name}.c"].replace(plain, ours)
         # The generator does not report that it cannot write.
         if not all(text.endswith("#endif\n") for text in texts.values()):
             raise CompilerError(

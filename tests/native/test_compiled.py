@@ -50,6 +50,22 @@ def test_compiled_answers_are_those_of_the_interpreted_step_to_the_last_bit(name
     assert len(statuses) > 2
 
 
+def test_compiled_products_of_matrices_are_the_interpreted_ones_to_the_last_bit(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    inputs, products = [], []
+    for rows, columns, count in ((1, 20, 1), (1, 20, 7), (1, 20, 8), (5, 33, 1), (3, 4, 6)):
+        x, y = ca.MX.sym("x", rows, columns), ca.MX.sym("y", columns, count)
+        inputs += [x, y]
+        products += [x @ y, ca.mac(y.T, x.T, ca.DM.ones(count, rows))]
+    function = ca.Function("products", inputs, products)
+    fast, rng = compiled.compiled(lambda _: function), np.random.default_rng(0)
+    given = [rng.normal(size=each.shape) for each in inputs]
+    for one, other in zip(fast(*given), function(*given), strict=True):
+        assert np.array(one).tobytes() == np.array(other).tobytes()
+
+
 @pytest.mark.slow
 def test_compiled_it_takes_over_and_brakes_alike():
     problem = ergoqp.load_problem("screwing")
