@@ -40,6 +40,7 @@ def structure_of(model: StepModel) -> dict[str, Any]:
         "aside": bool(limit.aside),
         "average": bool(problem.average),
         "robot": tuple(bool(getattr(problem.robot, name)) for name in _DECLARED),
+        "noise": bool(problem.robot.noise.any()),
         "frames": (problem.frames.moved, problem.frames.compare),
         "response": _of_term(problem.response),
         "cost": _of_term(problem.cost),

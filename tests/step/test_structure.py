@@ -253,3 +253,10 @@ def test_a_person_whom_the_cache_never_saw_is_served_by_it(monkeypatch, tmp_path
 
     monkeypatch.setattr("ergoqp.native.compiled.compiler", none)
     assert Stepper(drawn("plain", 23)).engine == "compiled"
+
+
+def test_noise_that_is_no_number_of_radians_is_none():
+    least = ergoqp.DeclaredRobot(pose_noise_deg=5e-324)
+    problem = ergoqp.load_problem("screwing")
+    declared = problem.replace(robot=ergoqp.DeclaredRobot(pose_noise_deg=0.1))
+    assert key(problem.replace(robot=least)) != key(declared)
