@@ -149,14 +149,22 @@ def table_of(name: str, term: Any, leave_out: Sequence[str] = (), **instead: Any
             )
         kind = instead.pop(key, None) or as_in_files(hints.get(key, Any))
         keys[key] = (kind, ... if parameter.default is parameter.empty else None)
-        try:
-            _with_keys(name, Table, {key: keys[key]})
-        except PydanticUserError:
-            raise InputError(
-                f"{name}: got the parameter {parameter!s:.80}, allowed numbers, texts,"
-                " lists and arrays of them, and tables"
-            ) from None
-    return _with_keys(name, Table, keys | {key: (kind, None) for key, kind in instead.items()})
+    try:
+        return _with_keys(name, Table, keys | {key: (kind, None) for key, kind in instead.items()})
+    except PydanticUserError:
+        wrong = next(key for key in keys if not _can_be_stated(name, {key: keys[key]}))
+        raise InputError(
+            f"{name}: got the parameter {parameters[wrong]!s:.80}, allowed numbers, texts,"
+            " lists and arrays of them, and tables"
+        ) from None
+
+
+def _can_be_stated(name: str, keys: Mapping[str, tuple[Any, Any]]) -> bool:
+    try:
+        _with_keys(name, Table, keys)
+    except PydanticUserError:
+        return False
+    return True
 
 
 def _with_keys(name: str, base: type[Table], keys: Mapping[str, tuple[Any, Any]]) -> Any:

@@ -274,7 +274,11 @@ class ModelPerson(Person):
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Return (posture at rest (32,) [rad], whether the object at `pose` is reached)."""
-        return self.settle(self.comfort, pose, self.grasp(self.comfort), self.stand(self.comfort))
+        return self.settle(self.comfort, pose, *self._held_at_ease)
+
+    @cached_property
+    def _held_at_ease(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.grasp(self.comfort), self.stand(self.comfort)
 
 
 def _excess(memory: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

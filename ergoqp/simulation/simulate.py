@@ -152,7 +152,7 @@ def simulate(
     place = None if guide is None else read_guide(problem, guide)
     if seek is not None and place is not None:
         raise InputError("seek: got places beside a guide, allowed one of the two")
-    terms: dict[str, Any] = {"solver": _SOLVER, "compiled": False}
+    terms: dict[str, Any] = {"solver": _SOLVER, "compiled": "auto"}
     stepper = Stepper(problem, guide=place, **terms) if seek is None else None
     seeker = None if seek is None else Seeker(problem, seek, patient=True, **terms)
     trace = run_loop(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 from collections import defaultdict
 from collections.abc import Sequence
 from importlib import resources
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.errors import MissingExtraError
+from ergoqp.errors import MissingExtraError, in_words
 from ergoqp.expressions import quaternion_of
 from ergoqp.report import palette
 from ergoqp.report.between import between, risk_between
@@ -34,6 +35,8 @@ from ergoqp.report.body.track import Track, coarse
 
 if TYPE_CHECKING:
     import viser
+
+_LOG: Final = logging.getLogger(__name__)
 
 Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 """Vertices (v, 3) [m] and triangles (f, 3)."""
@@ -153,16 +156,27 @@ def scene_html(movement: Movement, timing: Timing) -> str:
     except ImportError:
         raise MissingExtraError("the report page", "report", "viser") from None
     shown = movement.at(timing.samples)
+    try:
+        return _served(shown, timing, quick=True)
+    except Exception as error:
+        # The messages of a recording are no public part of viser.
+        _LOG.info("viser %s: poses are set one by one: %s", viser.__version__, in_words(error))
+        return _served(shown, timing, quick=False)
+
+
+def _served(movement: Movement, timing: Timing, quick: bool) -> str:
+    import viser
+
     # The server prints a message to standard output, which belongs to the calling command.
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
-            return _record(server, shown, timing)
+            return _record(server, movement, timing, quick)
         finally:
             server.stop()
 
 
-def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> str:
+def _record(server: viser.ViserServer, movement: Movement, timing: Timing, quick: bool) -> str:
     placement = place(movement.body, movement.postures, movement.base_poses)
     floor = _floor(movement, placement)
     _set_stage(server, movement, floor)
@@ -185,7 +199,7 @@ def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> st
         for frame in range(1, len(movement.time)):
             recording.insert_sleep(timing.frame_time)
             for actor in actors:
-                actor.show(frame, recording)
+                actor.show(frame, recording if quick else None)
     # The last frame stays for its duration before the replay starts again.
     recording.insert_sleep(timing.frame_time)
     return _for_a_page(recording.as_html())

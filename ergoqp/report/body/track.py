@@ -18,7 +18,7 @@ class Track:
 
     A setter of viser takes 40 us to check a pose and to send it, and nobody is connected. So the
     first message of each kind is made by the setter, and the following ones are copies of it with
-    another value. A viser whose recordings are built otherwise gets every pose by the setter.
+    another value, encoded at once.
 
     Args:
         node: its handle.
@@ -28,6 +28,10 @@ class Track:
 
     def __init__(self, node: Any, positions: ArrayLike, turns: ArrayLike | None = None) -> None:
         """Round the poses of all frames at once."""
+        import msgspec  # comes with viser
+
+        self._encoded = msgspec.msgpack.Encoder().encode
+        self._raw = msgspec.Raw
         self._node = node
         self._ways = {"position": coarse(positions).tolist()}
         if turns is not None:
@@ -36,17 +40,18 @@ class Track:
         self._first: dict[str, dict[str, Any]] = {}
 
     def show(self, frame: int, recording: Any = None) -> None:
-        """Move the node to a frame, in a recording if there is one already."""
+        """Move the node to a frame, by messages of a recording if there is one."""
         for what, way in self._ways.items():
             value = way[frame]
             if value == self._now.get(what):
                 continue
             self._now[what] = value
             if what in self._first:
-                recording._messages.append((recording._time, {**self._first[what], what: value}))
+                message = self._encoded({**self._first[what], what: value})
+                recording._messages.append((recording._time, self._raw(message)))
                 continue
             setattr(self._node, what, value)
-            if hasattr(recording, "_messages") and hasattr(recording, "_time"):
+            if recording is not None:
                 message = recording._messages[-1][1]
-                if message.get("name") == self._node.name and list(message.get(what, ())) == value:
+                if message["name"] == self._node.name and list(message.get(what, ())) == value:
                     self._first[what] = message
