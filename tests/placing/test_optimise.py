@@ -8,10 +8,10 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.placing.optimise import optimise
+from ergoqp.placing.optimise import SCREENED, StartSolver, begin_from, optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.rest.best_place import workspace_map
-from ergoqp.rest.model_person import sample_person
+from ergoqp.rest.model_person import ModelPerson, sample_person
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +46,33 @@ class TestBest:
         np.testing.assert_allclose(best.pose[:3, :3].T @ best.pose[:3, :3], np.eye(3), atol=1e-12)
 
     def test_the_person_comes_to_rest_there(self, problem, best):
-        from ergoqp.rest.model_person import ModelPerson
-
         person = ModelPerson(problem.response)
         grasp, soles = person.grasp(best.posture_before), person.stand(best.posture_before)
         settled, reached = person.settle(best.posture, best.pose, grasp, soles, steps=1000)
         assert reached
         np.testing.assert_allclose(settled, best.posture, atol=1e-4)
         assert problem.assess(settled).final[0] == best.reba_after
+
+    def test_narrow_starts_begin_at_the_best_of_eight_places(self, problem, monkeypatch):
+        person = ModelPerson(problem.response)
+        begin = begin_from(person, problem.response.comfort, None)
+        solver = StartSolver(problem, person, begin, "stackelberg", "ipopt", 3, 0.5)
+        drawn = []
+        settle = solver._settle
+
+        def noted(posture, unknowns):
+            rest, reached = settle(posture, unknowns)
+            if reached:
+                drawn.append(rest)
+            return rest, reached
+
+        monkeypatch.setattr(solver, "_settle", noted)
+        for number, count in ((0, 1), (1, SCREENED), (2, 1), (3, SCREENED)):
+            drawn.clear()
+            _, rest = solver._draw(number)
+            scores = problem.assess(np.array(drawn)).final
+            assert len(drawn) == count
+            assert problem.assess(rest).final[0] == scores.min()
 
     @pytest.mark.slow
     def test_as_low_as_brute_force(self):
