@@ -13,11 +13,13 @@ import os
 import platform
 import stat
 import sys
+from ctypes import CDLL
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
 from ergoqp._version import __version__
+from ergoqp.errors import last_line
 from ergoqp.native.compiled import processor_flags
 
 _LOG: Final = logging.getLogger(__name__)
@@ -80,7 +82,13 @@ def _refused(path: Path, key: str, layout: str) -> str | None:
             return f"got one for {name} {told.get(name)!r}, allowed {value!r}"
     if told.get("layout") != json.loads(layout):
         return "got one with other inputs or another state, allowed those of this problem"
-    return None if told.get("sha256") == digest(content) else "it is damaged"
+    if told.get("sha256") != digest(content):
+        return "it is damaged"
+    try:
+        CDLL(str(path))
+    except OSError as error:
+        return f"this machine cannot load it ({last_line(error)})"
+    return None
 
 
 def _unsafe(path: Path) -> str | None:

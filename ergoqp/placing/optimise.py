@@ -1,7 +1,7 @@
 """The best place of the object for one person: many starts, and the best end by exact score.
 
-One start: a random place, then the program with a cost that narrows from stage to stage. At the end
-the person and the sheet judge the result.
+One start: a random place or the best of several, then the program with a cost that narrows from
+stage to stage. At the end the person and the sheet judge the result.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ SAME: Final = 1e-3
 """Postures that differ by less than this count as equal [rad]."""
 
 DRAWS: Final = 20
-"""Number of places that a start may try until the person reaches one."""
+"""Number of places that a start may try until the person reaches as many as it needs."""
 
 REPEATS: Final = 5
 """Largest number of solutions of the last stage, each from where the person has come to rest."""
@@ -118,7 +118,8 @@ class StartSolver:
     def start(self, number: int) -> StartResult:
         """Return the result of a start.
 
-        It depends only on the task and the number, not on where and when it is solved.
+        It depends only on the task and the number, not on which process solves it. Rests that are
+        compiled and such that are not differ in the last digits, see `ergoqp.rest.batch.settling`.
         """
         clock, begin, place = time.perf_counter(), self.begin, self.program.place
         drawn = self._draw(number)
@@ -156,8 +157,9 @@ class StartSolver:
     def _draw(self, number: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return a place and the rest posture there; None if the person reaches none.
 
-        It is the given place for number 0, and a random one that the person reaches for the
-        others: the first, or for a narrow start the best of the first ones.
+        Number 0 begins at the given place, if the person reaches it. The other even numbers begin
+        at the first random place that they reach. Odd ones begin at that of the first `screened`
+        where the rest has the lowest score, and of equal scores the lowest cost.
         """
         begin, place = self.begin, self.program.place
         rng = np.random.default_rng([self.seed, 6, number])
@@ -257,7 +259,8 @@ def optimise(
     solved from several places, with a smooth score that becomes narrower from stage to stage.
     Every other start begins at the best of several random places, as the person rests there. At
     the end of every start the person settles (`ModelPerson.settle`), and the exact sheet gives the
-    score. The start with the lowest exact score wins. Of equal scores the lowest cost wins.
+    score. The start with the lowest exact score wins. Of equal scores one that is proven optimal
+    comes first, then the lowest cost.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
@@ -385,7 +388,7 @@ def _solver_of(sent: bytes) -> StartSolver:
 
 
 def best_of(problem: Problem, trials: Sequence[StartResult]) -> StartResult:
-    """Return the trial with the lowest exact score, and of equal ones with the lowest cost.
+    """Return the trial with the lowest exact score; of equal ones an optimal one, then by cost.
 
     Raises:
         OutOfReachError: if none counts.

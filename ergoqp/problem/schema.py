@@ -152,11 +152,13 @@ def table_of(name: str, term: Any, leave_out: Sequence[str] = (), **instead: Any
     try:
         return _with_keys(name, Table, keys | {key: (kind, None) for key, kind in instead.items()})
     except PydanticUserError:
-        wrong = next(key for key in keys if not _can_be_stated(name, {key: keys[key]}))
-        raise InputError(
-            f"{name}: got the parameter {parameters[wrong]!s:.80}, allowed numbers, texts,"
-            " lists and arrays of them, and tables"
-        ) from None
+        for key in keys:
+            if not _can_be_stated(name, {key: keys[key]}):
+                raise InputError(
+                    f"{name}: got the parameter {parameters[key]!s:.80}, allowed numbers, texts,"
+                    " lists and arrays of them, and tables"
+                ) from None
+        raise
 
 
 def _can_be_stated(name: str, keys: Mapping[str, tuple[Any, Any]]) -> bool:

@@ -159,16 +159,13 @@ class Engine:
 
         Of a problem with terms of the user's only the C code tells what they are.
         """
-        from ergoqp.native.compiled import CompilerError, external, found
+        from ergoqp.native.compiled import external, found
         from ergoqp.native.shipped import shipped
 
         key = shipped_key(self._model) if self._daqp else None
         library = None if key is None else shipped(_NAME, key, layout_of(self._model))
         if library is not None:
-            try:
-                return external(_NAME, library)
-            except CompilerError as error:
-                _LOG.warning("the library of the package is not used: %s", error)
+            return external(_NAME, library)
         function = None if self._key is None else found(_NAME, self._key)
         if function is None and self._choice == "auto" and (key := self._short_key(True)):
             # The answers are the same to the bit whichever compiler made it.

@@ -1,5 +1,6 @@
 """A library of the package is taken if its record fits, and refused in one sentence otherwise."""
 
+import ctypes
 import json
 import logging
 import os
@@ -27,6 +28,7 @@ def library(tmp_path, monkeypatch):
     folder = tmp_path / "libraries"
     folder.mkdir(mode=0o755)
     monkeypatch.setattr(of_package, "FOLDER", folder)
+    monkeypatch.setattr(of_package, "CDLL", lambda _: None)
     path = folder / "step-abc-baseline.so"
     path.write_bytes(b"code")
     record = {"key": "abc", "version": ergoqp.__version__, "machine": machine(), "layout": LAYOUT}
@@ -61,6 +63,12 @@ def test_a_library_is_refused_by_its_record(library, changed, said, caplog):
     assert one.levelno == logging.WARNING
     assert one.getMessage().startswith(f"shipped library {library.name} is not used: {said}")
     assert one.getMessage().endswith("; reinstall ergoqp")
+
+
+def test_a_library_that_this_machine_cannot_load_is_refused(library, monkeypatch, caplog):
+    monkeypatch.setattr(of_package, "CDLL", ctypes.CDLL)
+    assert shipped("step", "abc", LAYOUT) is None
+    assert "is not used: this machine cannot load it (" in caplog.text
 
 
 @pytest.mark.parametrize("which", ["library", "record", "folder"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,34 @@ def test_rests_are_those_of_the_interpreter(name: str) -> None:
     assert not reached[3]
     assert not reached[5]
     rests = np.array([posture for posture, _ in alone])
-    np.testing.assert_allclose(postures[reached], rests[reached], atol=1e-6)
+    np.testing.assert_allclose(postures[reached], rests[reached], atol=2e-6)
+
+
+@pytest.mark.slow
+def test_an_arm_that_is_just_too_short_does_not_swing_compiled_either() -> None:
+    person, poses = someone("overhead"), workspace_poses(load_problem("overhead"), 0.1)
+    comfort = person.comfort
+    grasp, soles = person.grasp(comfort), person.stand(comfort)
+    chosen = poses[[532, 281, 0, 575]]  # two of them take more than 150 steps
+    postures, reached = BatchedRests(person).settle(comfort, chosen, grasp, soles)
+    for pose, posture, there in zip(chosen, postures, reached, strict=True):
+        rest, said = person.settle(comfort, pose, grasp, soles)
+        assert there == said
+        if there:
+            np.testing.assert_allclose(posture, rest, atol=2e-6)
+    assert reached.sum() >= 3
+    empty, none = BatchedRests(person).settle(comfort, poses[:0], grasp, soles)
+    assert empty.shape == (0, 32)
+    assert none.shape == (0,)
+
+
+def test_a_person_with_a_way_of_their_own_settles_by_it() -> None:
+    class Stiff(ModelPerson):
+        def move(self, *given: Any) -> tuple[np.ndarray, float, float]:
+            return given[0], 0.0, 0.0
+
+    person = Stiff(someone("desk").response)
+    assert settling(person, WORTH_COMPILING) == person.settle
 
 
 def test_sine_and_cosine_in_lanes_are_those_of_the_library(monkeypatch, tmp_path: Path) -> None:

@@ -3,12 +3,16 @@ comfort."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.load import TASKS, load_problem
-from ergoqp.rest.model_person import REACHED, ModelPerson, person_of, sample_person
+from ergoqp.rest import model_person
+from ergoqp.rest.best_place import workspace_poses
+from ergoqp.rest.model_person import PATIENCE, REACHED, ModelPerson, person_of, sample_person
 
 
 @pytest.fixture(scope="module", params=TASKS)
@@ -64,14 +68,11 @@ def test_an_arm_that_is_just_too_short_does_not_swing() -> None:
     problem = load_problem("overhead")
     person = ModelPerson(person_of(problem))
     comfort, relax = person.comfort, 0.5 * person.response.relaxation_time
-    grasp, soles, pose = person.grasp(comfort), person.stand(comfort), person.contact(comfort)[0]
-    tilt = 0.0754237
-    pose[:3, :3] = [
-        [tilt, 0.0, -np.sqrt(1 - tilt**2)],
-        [0.0, 1.0, 0.0],
-        [np.sqrt(1 - tilt**2), 0.0, tilt],
-    ]
-    pose[:3, 3] = [0.375, -0.45, 2.0]
+    grasp, soles, pose = (
+        person.grasp(comfort),
+        person.stand(comfort),
+        workspace_poses(problem, 0.1)[532],
+    )
     targets = np.hstack([pose @ grip for grip in grasp])
     swinging, before = comfort, comfort
     for _ in range(100):
@@ -82,6 +83,31 @@ def test_an_arm_that_is_just_too_short_does_not_swing() -> None:
     assert reached
     assert distance < REACHED
     np.testing.assert_allclose(after, rest, atol=1e-6)
+
+
+def test_near_the_rest_steps_are_extrapolated(person: ModelPerson, monkeypatch) -> None:
+    comfort = person.comfort
+    pose = person.contact(comfort)[0]
+    pose[:3, 3] += [0.03, -0.05, -0.04]
+    moves = []
+    move = ModelPerson.move
+
+    def counted(self: ModelPerson, *given: Any) -> tuple[np.ndarray, float, float]:
+        moves.append(given)
+        return move(self, *given)
+
+    monkeypatch.setattr(ModelPerson, "move", counted)
+    rest, _ = person.reach(pose)
+    extrapolated = len(moves)
+    moves.clear()
+    monkeypatch.setattr(model_person, "NEAR", 0.0)
+    plain, _ = person.reach(pose)
+    assert extrapolated < 0.75 * len(moves)
+    np.testing.assert_allclose(rest, plain, atol=1e-6)
+    moves.clear()
+    pose[0, 3] += 3.0
+    assert not person.reach(pose)[1]
+    assert len(moves) <= PATIENCE
 
 
 def test_in_comfort_nobody_moves(person: ModelPerson) -> None:

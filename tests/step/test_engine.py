@@ -70,20 +70,6 @@ def warnings_of(caplog) -> list[str]:
     return [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
 
 
-def test_a_library_of_the_package_that_cannot_be_loaded_is_passed_over(
-    monkeypatch, tmp_path, caplog
-):
-    broken = tmp_path / "step.so"
-    broken.write_bytes(b"no machine code")
-    monkeypatch.setattr("ergoqp.native.shipped.shipped", lambda *_: broken)
-    one = Stepper(ergoqp.load_problem("screwing"))
-    assert one.engine == "interpreted"
-    assert one._later is not None
-    assert one._later.waits
-    [said] = warnings_of(caplog)
-    assert said.startswith("the library of the package is not used: compiled step: the library")
-
-
 def test_a_loop_changes_in_mid_run_without_a_difference(stand_in):
     problem = ergoqp.load_problem("screwing")
     log = []

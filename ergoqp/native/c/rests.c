@@ -6,9 +6,8 @@
    step and of where it ends. Changes that a lane does not have are zero. */
 typedef struct {
     lanes steps[HISTORY][JOINTS], ends[HISTORY][JOINTS], products[HISTORY][HISTORY];
-    lanes step[JOINTS], end[JOINTS], largest;
-    flags known;
-    int newest;
+    lanes step[JOINTS], end[JOINTS];
+    flags known, newest;
 } Memory;
 
 static void forget(Memory* m, flags lane) {
@@ -30,16 +29,28 @@ static lanes dot(const lanes* a, const lanes* b) {
 }
 
 static void remember(Memory* m, const lanes* step, const lanes* end, flags moved) {
-    flags both = moved & m->known;
-    int k = m->newest = (m->newest + 1) % HISTORY;
+    flags both = moved & m->known, next = m->newest + 1;
+    lanes by[JOINTS], to[JOINTS], products[HISTORY];
+    m->newest = (moved & (next < HISTORY) & next) | (~moved & m->newest);
     for (int i = 0; i < JOINTS; ++i) {
-        m->steps[k][i] = chosen(both, step[i] - m->step[i], all(0.0));
-        m->ends[k][i] = chosen(both, end[i] - m->end[i], all(0.0));
+        by[i] = chosen(both, step[i] - m->step[i], all(0.0));
+        to[i] = chosen(both, end[i] - m->end[i], all(0.0));
         m->step[i] = chosen(moved, step[i], m->step[i]);
         m->end[i] = chosen(moved, end[i], m->end[i]);
     }
-    for (int l = 0; l < HISTORY; ++l)
-        m->products[k][l] = m->products[l][k] = dot(m->steps[k], m->steps[l]);
+    for (int k = 0; k < HISTORY; ++k) {
+        flags here = moved & (m->newest == k);
+        for (int i = 0; i < JOINTS; ++i) {
+            m->steps[k][i] = chosen(here, by[i], m->steps[k][i]);
+            m->ends[k][i] = chosen(here, to[i], m->ends[k][i]);
+        }
+        products[k] = dot(by, m->steps[k]);
+    }
+    for (int k = 0; k < HISTORY; ++k) {
+        flags here = moved & (m->newest == k);
+        for (int l = 0; l < HISTORY; ++l)
+            m->products[k][l] = m->products[l][k] = chosen(here, products[l], m->products[k][l]);
+    }
     m->known |= moved;
 }
 
@@ -71,13 +82,14 @@ void ergoqp_rests(double* q, long long n, const double* targets, const double* s
                   long long steps, double tolerance, long long patience, const double* reach,
                   double* found) {
     lanes posture[JOINTS], locked[JOINTS], target[TARGETS], sole[32], step[JOINTS], end[JOINTS];
-    lanes away[2], shares[HISTORY];
+    lanes away[2], shares[HISTORY], part;
     Memory memory = {0};
     long long place[LANES], done[LANES], pass[LANES], next = 0, live = 0;
+    if (n <= 0) return;
     for (int i = 0; i < 32; ++i) sole[i] = all(soles[i]);
     for (int j = 0; j < LANES; ++j) place[j] = -1;
     for (;;) {
-        flags fresh = {0}, patient, late, newly = {0}, number = ~(flags){0};
+        flags fresh = {0}, patient, newly = {0}, number = ~(flags){0};
         for (int j = 0; j < LANES; ++j) {
             if (place[j] >= 0) continue;
             if (next < n) {
@@ -99,7 +111,8 @@ void ergoqp_rests(double* q, long long n, const double* targets, const double* s
         person_step(posture, locked, target, sole, all(1.0), all(relax), constants, step, away);
         for (int j = 0; j < LANES; ++j) {
             patient[j] = -(pass[j] < 3);
-            late[j] = -(done[j] >= HALVED);
+            long long halvings = done[j] / HALVED;
+            part[j] = 1.0 / (1 << (halvings < MOST_HALVINGS ? halvings : MOST_HALVINGS));
         }
         lanes change = all(0.0);
         for (int i = 0; i < JOINTS; ++i) {
@@ -115,15 +128,13 @@ void ergoqp_rests(double* q, long long n, const double* targets, const double* s
             change = most(size(step[i]), change);
         }
         flags moved = ~newly, near = moved & number & (change < NEAR);
-        forget(&memory, moved & (change > 2.0 * memory.largest));
-        memory.largest = chosen(moved, change, memory.largest);
         remember(&memory, step, end, moved);
         shares_of(&memory, step, shares);
         for (int i = 0; i < JOINTS; ++i) {
             lanes better = end[i];
             for (int k = 0; k < HISTORY; ++k) better -= shares[k] * memory.ends[k][i];
             better = within(better, lower[i], upper[i]);
-            lanes onward = chosen(near, better, chosen(late, end[i] - 0.5 * step[i], end[i]));
+            lanes onward = chosen(near, better, end[i] - (1.0 - part) * step[i]);
             posture[i] = chosen(moved, onward, posture[i]);
             locked[i] = chosen(moved, all(0.0), locked[i]);
         }

@@ -27,7 +27,7 @@ static inline lanes arctangent2(lanes y, lanes x) {
     return r;
 }
 
-/* Sine and cosine by their series about the nearest multiple of a quarter turn, within 2e-16 for
+/* Sine and cosine by their series about the nearest multiple of a quarter turn, within 2.3e-16 for
    angles up to some turns. The first part of pi / 2 has 33 bits, so that its multiples are exact. */
 static inline lanes from_quarter(lanes x, flags* quarter) {
     const double first = 0x1.921fb544p+0, rest = 0x1.0b4611a626331p-34, whole = 0x1.8p52;

@@ -28,10 +28,6 @@ class Track:
 
     def __init__(self, node: Any, positions: ArrayLike, turns: ArrayLike | None = None) -> None:
         """Round the poses of all frames at once."""
-        import msgspec  # comes with viser
-
-        self._encoded = msgspec.msgpack.Encoder().encode
-        self._raw = msgspec.Raw
         self._node = node
         self._ways = {"position": coarse(positions).tolist()}
         if turns is not None:
@@ -50,8 +46,14 @@ class Track:
                 message = self._encoded({**self._first[what], what: value})
                 recording._messages.append((recording._time, self._raw(message)))
                 continue
+            if recording is None:
+                setattr(self._node, what, value)
+                continue
+            count = len(recording._messages)
             setattr(self._node, what, value)
-            if recording is not None:
-                message = recording._messages[-1][1]
-                if message["name"] == self._node.name and list(message.get(what, ())) == value:
-                    self._first[what] = message
+            # What the setter takes for no change has no message.
+            if len(recording._messages) > count:
+                import msgspec  # comes with viser
+
+                self._encoded, self._raw = msgspec.msgpack.Encoder().encode, msgspec.Raw
+                self._first[what] = recording._messages[-1][1]
