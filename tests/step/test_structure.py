@@ -66,6 +66,7 @@ def at(tables: Any, path: tuple) -> Any:
     return tables
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_number_of_a_problem_file_changes_the_structure(kind: str) -> None:
     """Each by itself. The shares of a mixture have the sum 1, and are drawn together elsewhere."""
