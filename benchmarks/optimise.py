@@ -26,10 +26,11 @@ prints
   (``speedup_starts``).
 - ``worse_optima``: of ``optima`` cases (people from seed 400 on at an awkward place, both modes),
   those in which 32 starts of the former kind end at a lower score, or at the same score with a
-  smooth cost that is lower by more than 0.01 points; ``better_optima``: the other way round. Of
-  the former kind are starts at random places of which none is screened, half of them narrow and
-  half from a scale of 12 over one of 1.5 deg. ``cpu_share``: CPU time of the search over theirs.
-  Control: ``worse_optima.control``, the same number of the former starts as the search takes.
+  smooth cost that is lower by more than 0.01 points; ``worse_scores``: those of them with a lower
+  score; ``better_optima``: the other way round. Of the former kind are starts at random places of
+  which none is screened, half of them narrow and half from a scale of 12 over one of 1.5 deg.
+  ``cpu_share``: CPU time of the search over theirs. Control: ``worse_optima.control``, the same
+  number of the former starts as the search takes.
 """
 
 from __future__ import annotations
@@ -243,6 +244,7 @@ def compared(report: Report, pool: ProcessPoolExecutor) -> None:
     ends = [each for each, _ in found]
     report.figure("optima", len(found))
     report.figure("worse_optima", sum(is_worse(new, former) for new, former, _ in ends))
+    report.figure("worse_scores", sum(new[0] > former[0] for new, former, _ in ends))
     report.figure("better_optima", sum(is_worse(former, new) for new, former, _ in ends))
     report.figure("worse_optima.control", sum(is_worse(few, former) for _, former, few in ends))
     report.figure("cpu_share", float(np.median([share for _, share in found])))
