@@ -21,8 +21,8 @@ static inline double ergoqp_fmax(double x, double y) {
   return x != x ? y : y > x ? y : x;
 }
 
-/* Adds the product of dense matrices, x y or x' y, to z. Every entry is the sum of the same terms in
-   the same order as in CasADi's function, but entries do not wait for each other. */
+/* Adds the product of dense matrices, x y or x' y, to z. Every entry is the sum of the same terms
+   in the same order as in CasADi's function, but entries do not wait for each other. */
 static inline void ergoqp_mtimes_dense(const double* restrict x, long long rows, long long columns,
                                        const double* restrict y, long long count,
                                        double* restrict z, long long transposed) {

@@ -42,18 +42,21 @@ class Track:
             if value == self._now.get(what):
                 continue
             self._now[what] = value
-            if what in self._first:
-                message = self._encoded({**self._first[what], what: value})
-                recording._messages.append((recording._time, self._raw(message)))
-                continue
             if recording is None:
                 setattr(self._node, what, value)
-                continue
-            count = len(recording._messages)
-            setattr(self._node, what, value)
-            # What the setter takes for no change has no message.
-            if len(recording._messages) > count:
-                import msgspec  # comes with viser
+            elif what in self._first:
+                message = self._encoded({**self._first[what], what: value})
+                recording._messages.append((recording._time, self._raw(message)))
+            else:
+                self._begin(what, value, recording)
 
-                self._encoded, self._raw = msgspec.msgpack.Encoder().encode, msgspec.Raw
-                self._first[what] = recording._messages[-1][1]
+    def _begin(self, what: str, value: list[float], recording: Any) -> None:
+        """Have the setter make the first message."""
+        import msgspec  # comes with viser
+
+        self._encoded, self._raw = msgspec.msgpack.Encoder().encode, msgspec.Raw
+        count = len(recording._messages)
+        setattr(self._node, what, value)
+        # What the setter takes for no change has no message.
+        if len(recording._messages) > count:
+            self._first[what] = recording._messages[-1][1]
