@@ -105,7 +105,7 @@ def command(
         folder,
         ("optimum.json",),
         lambda path: write_optimum_page(
-            found[0], problem, path, cooperative=bound, jobs=search.jobs
+            found[0], problem, path, cooperative=bound, person=person, jobs=search.jobs
         ),
     )
 

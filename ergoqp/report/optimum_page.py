@@ -100,6 +100,7 @@ def write_optimum_page(
     path: Path,
     *,
     cooperative: Optimum | None = None,
+    person: ModelPerson | None = None,
     jobs: int = 1,
 ) -> None:
     """Write the report of an optimum as one self-contained HTML file.
@@ -110,13 +111,14 @@ def write_optimum_page(
         path: path of the file; its folder exists.
         cooperative: the optimum of the same problem and person with the posture chosen too;
             None: unknown.
+        person: who held the object in the search; None: built again.
         jobs: number of processes for the map.
 
     Raises:
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    follower, stature = ModelPerson(optimum.response), optimum.response.body.stature
+    follower, stature = person or ModelPerson(optimum.response), optimum.response.body.stature
     ends = (optimum.posture_before, optimum.pose_before), (optimum.posture, optimum.pose)
     assessed = [problem.assess(posture) for posture, _ in ends]
     before, after = segments = [palette.segments_at(each, 0) for each in assessed]
