@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ergoqp.joints import LOWER, UPPER
 from ergoqp.native.compiled import CompilerError, c_text, loaded, shared_library
 from ergoqp.problem.load import TASKS, load_problem
 from ergoqp.rest.batch import WORTH_COMPILING, BatchedRests, settling, step_source
@@ -57,6 +58,22 @@ def test_an_arm_that_is_just_too_short_does_not_swing_compiled_either() -> None:
     empty, none = BatchedRests(person).settle(comfort, poses[:0], grasp, soles)
     assert empty.shape == (0, 32)
     assert none.shape == (0,)
+
+
+@pytest.mark.slow
+def test_a_place_that_is_none_leaves_nothing_in_its_lane() -> None:
+    person, poses = someone("desk"), workspace_poses(load_problem("desk"), 0.3)[:8]
+    comfort, batch = person.comfort, BatchedRests(someone("desk"))
+    held = person.grasp(comfort), person.stand(comfort)
+    rests, reached = batch.settle(comfort, poses, *held)
+    assert reached.all()
+    # The places after four that are none are near their rest, so few steps are remembered.
+    none = np.full((4, 4, 4), np.nan)
+    starts = np.concatenate([np.tile(comfort, (4, 1)), np.clip(rests + 1e-5, LOWER, UPPER)])
+    again, there = batch.settle(starts, np.concatenate([none, poses]), *held)
+    assert not there[:4].any()
+    assert there[4:].all()
+    np.testing.assert_allclose(again[4:], rests, atol=1e-5)
 
 
 def test_a_person_with_a_way_of_their_own_settles_by_it() -> None:

@@ -12,7 +12,11 @@ typedef struct {
 
 static void forget(Memory* m, flags lane) {
     for (int k = 0; k < HISTORY; ++k) {
-        for (int i = 0; i < JOINTS; ++i) m->steps[k][i] = chosen(lane, all(0.0), m->steps[k][i]);
+        for (int i = 0; i < JOINTS; ++i) {
+            m->steps[k][i] = chosen(lane, all(0.0), m->steps[k][i]);
+            /* No share of what is no number is zero. */
+            m->ends[k][i] = chosen(lane, all(0.0), m->ends[k][i]);
+        }
         for (int l = 0; l < HISTORY; ++l)
             m->products[k][l] = chosen(lane, all(0.0), m->products[k][l]);
     }
